@@ -61,9 +61,30 @@ if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
         """Names that are looked up when they are first asked for: what stands behind them takes time to load."""
+        if name == "_native":
+            return _load_native()
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return getattr(importlib.import_module(_MODULES.get(name, "anm_mj.api")), name)
+
+    def _load_native() -> Any:
+        """The compiled module, for ``from anm_mj import _native``.
+
+        Raises:
+            InstallError: It was not built, does not load, or has no kernel for this processor.
+        """
+        from anm_mj.errors import InstallError
+
+        try:
+            native = importlib.import_module("anm_mj._native")
+        except ImportError as err:
+            raise InstallError(
+                f"The compiled part of anm-mj is missing ({err}); install a C++17 compiler (apt install g++) and call "
+                "make setup, or pip install ."
+            ) from err
+        if not native.kernel_names():
+            raise InstallError("The compiled part of anm-mj needs a processor with SSE4.2, which this one lacks.")
+        return native
 
 
 def __dir__() -> list[str]:

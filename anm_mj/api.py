@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from anm_mj.config import make_config, read_config
+from anm_mj.config import make_config
 from anm_mj.errors import AnmError, MapError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.planning.policies.registry import DEFAULT_POLICY, policy_entry
+from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 if TYPE_CHECKING:
     from anm_mj.events import Observer, Stepped
@@ -205,17 +205,10 @@ def load_map(path: str | os.PathLike[str], *, device: str = "auto") -> NeuralMap
 
     Raises:
         MapError: there is no map, or the file is none.
-        RunFolderError: the configuration of the run is damaged.
     """
     from anm_mj.mapping.neural_map import NeuralMap
 
     where = Path(path)
     if not where.exists():
         raise MapError(f"{where} does not exist; give a run folder, or the map.safetensors in one.")
-    folder = RunFolder(where if where.is_dir() else where.parent)
-    from_field = True
-    if folder.config.is_file():
-        config = read_config(read_json(folder.config))
-        # A policy with a map of its own kind reads no geometry out of it.
-        from_field = config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None
-    return NeuralMap.load(folder.map if where.is_dir() else where, device=device, field_is_geometry=from_field)
+    return NeuralMap.load(RunFolder(where).map if where.is_dir() else where, device=device)

@@ -17,9 +17,10 @@ from typing import Any
 
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
-from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
+from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.config import RecordConfig
 from anm_mj.sim.sensors.sensor_presets import sensor_config
@@ -34,23 +35,21 @@ DEFAULT_PRESET = "default"
 MOST_STEPS = 10**9
 _MOST_LETTERS = 80
 """Longer values are not quoted whole."""
-OPTIONS = (
-    "policy",
-    "goal",
-    "steps",
-    "seed",
-    "start",
-    "robot",
-    "drive",
-    "pose",
-    "device",
-    "preset",
-    "continue_from",
-    "return_to_start",
-)
-"""Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
-_OPTION_OF = {"continue_from": "continue", "return_to_start": "return"}
-"""Options that have another name than their field."""
+OPTIONS = {
+    "policy": "--policy NAME",
+    "goal": "--goal GOAL",
+    "steps": "--steps N",
+    "seed": "--seed S",
+    "start": "--start X,Y,YAW_DEG",
+    "robot": "--robot ROBOT",
+    "drive": "--drive DRIVE",
+    "pose": "--pose POSE",
+    "device": "--device DEVICE",
+    "preset": "--preset PRESET",
+    "continue_from": "--continue RUN",
+    "return_to_start": "--return",
+}
+"""How the fields of ``RunConfig`` are given that have an option of their own; the scene is the first argument."""
 _MOVED = {"planning.geometry": "mapping.geometry"}
 """Settings that stand in another group than they did."""
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
@@ -61,20 +60,24 @@ class RunConfig(SimulationConfig):
     """All that decides how a run goes, apart from the scene's content and the versions of the programs."""
 
     policy: str = DEFAULT_POLICY
-    """Name of a policy, or ``module:Class``."""
+    """What decides where to go, by its name or as ``module:Class``."""
     goal: str = DEFAULT_GOAL
-    """What the run is for: ``coverage``, ``reconstruction``, or ``both`` in this order."""
+    """What the run is for: ``coverage`` (see all surface, then stop), ``reconstruction`` (know it well), or ``both`` in
+    this order."""
     steps: int | None = None
-    """Budget of discrete actions; None = the scene's own."""
+    """Budget of discrete actions, turns included; None = the scene's own."""
     device: str = "auto"
     """Where the neural map trains: ``cpu``, ``cuda``, or ``auto``."""
     continue_from: str | None = None
-    """Folder of a run whose map and explored state this one begins with; None = with nothing."""
+    """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =
+    with nothing."""
     return_to_start: bool = False
-    """Whether the robot drives back to where it began before the run ends."""
+    """Drive back to the start before the run ends, in time for the budget."""
     preset: str = DEFAULT_PRESET
-    """Name of the mapping preset that ``mapping`` was made from."""
+    """Mapping effort: ``quick``, ``default`` or ``paper``; some policies have their own."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
+    localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
+    """Settings of localisation, which ``pose = slam`` asks for."""
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""
     record: RecordConfig = field(default_factory=RecordConfig)
@@ -125,8 +128,8 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
         if not equals:
             raise ConfigError(f"--set {text} has no '='; write it as group.name=value, as in planning.margin_m=0.06.")
         if name in OPTIONS or name in ("sensor", "sensor.name"):
-            option = _OPTION_OF.get(name, name.partition(".")[0])
-            raise ConfigError(f"--set {name} is not how it is given; use --{option} {value}.")
+            option = OPTIONS.get(name, "--sensor").split()[0]
+            raise ConfigError(f"--set {name} is not how it is given; use {option} {value}.")
         if name == "scene":
             raise ConfigError(f"--set scene is not how it is given; name the scene first: anm-mj explore {value}.")
         keys = _keys(config, name)

@@ -9,6 +9,10 @@ class AnmError(Exception):
     """Base class of all errors that a user can cause and fix."""
 
 
+class InstallError(AnmError):
+    """The package is not installed as a whole: its compiled module is missing or cannot run on this processor."""
+
+
 class ConfigError(AnmError):
     """A setting or an option has a value that it cannot have."""
 

@@ -106,8 +106,9 @@ def explore(
         with watch.stage("observe"):
             seen = observe(robot)
             if seen is not None:
-                sdf_m = mapper.sdf if localiser is None else None
-                seen = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=sdf_m)
+                free = not result.collided
+                judges = localiser is None
+                seen = state.monitor.check(seen, action=action, moved=free, sdf_m=mapper.sdf, judges_pose=judges)
         if seen is None:
             state.total.add(watch)
             state.step = step

@@ -60,7 +60,7 @@ def learn(
             if estimate is None or localiser is None:
                 update = mapper.integrate(observation)
             elif estimate.usable:
-                update = mapper.integrate(observation, localiser.effort(estimate))
+                update = localiser.integrate(estimate)
             else:
                 update = UNTRAINED
     except MapError as err:
@@ -78,5 +78,5 @@ def is_blocked(
     """Whether the map now shows an obstacle on the planned path; fixed actions are executed without a check."""
     if action is not Action.MOVE_FORWARD or plan is None or plan.actions:
         return False
-    grid = mapper.occupancy_about(observation.pose.xy_m, lookahead_radius_m(robot.footprint))
+    grid = mapper.occupancy_grid(observation.pose.xy_m, lookahead_radius_m(robot.footprint))
     return path_is_blocked(grid, robot.footprint, observation.pose)

@@ -137,7 +137,7 @@ def _facts(config: RunConfig, neural_map: NeuralMap, policy: str) -> RunFacts:
         policy=policy,
         seed=config.seed,
         device=neural_map.backend.device,
-        engine=neural_map.engine_name,
+        engine=neural_map.backend.name,
         gl_backend=RECORDED,
         gl_renderer=RECORDED,
         camera=RECORDED,

@@ -101,7 +101,7 @@ class PriorRun:
             mapper.continue_from(self.saved, self.keyframes)
         except (KeyError, ValueError, TypeError, IndexError) as err:
             raise MapError(f"The map in {self.run.folder.path} is damaged ({err}); explore anew.") from err
-        self._require_places(mapper.occupancy)
+        self._require_places(mapper.occupancy_grid())
 
     def _require_places(self, grid: VoxelGrid) -> None:
         """Raises MapError where a robot was far from all that its map knows, which is then the map of another run."""

@@ -24,7 +24,6 @@ from anm_mj.types import (
     Pose2,
     SurfaceErrors,
     SurfacePoints,
-    TrainingEffort,
     Twist,
     VoxelGrid,
 )
@@ -99,8 +98,8 @@ class Drive(Protocol):
 class Mapper(Protocol):
     """The map of the scene, learnt online: a neural field and an occupancy grid."""
 
-    def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
-        """Add an observation and train, with the given effort or as the schedule says."""
+    def integrate(self, observation: Observation) -> MapUpdate:
+        """Add an observation and train for the iterations that the schedule sets."""
         ...
 
     @property
@@ -128,13 +127,13 @@ class Mapper(Protocol):
         """
         ...
 
-    @property
-    def occupancy(self) -> VoxelGrid:
-        """Free, occupied and unknown space, fused from depth (a view, not a copy)."""
-        ...
+    def occupancy_grid(
+        self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
+        """Free, occupied and unknown space, fused from depth (views, not copies).
 
-    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
-        """The same grid, which has to be of now only within ``radius_m`` [m] of a place along both axes."""
+        It has to be of now only within ``radius_m`` [m] of a place along both axes; None = everywhere.
+        """
         ...
 
 

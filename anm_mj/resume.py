@@ -81,11 +81,11 @@ def resume(
     with make_parts(config, observers) as parts:
         _require_same_world(folder, parts)
         _require_same_settings(folder, stored, parts)
-        if stored.facts.get("engine") != parts.mapper.engine_name:
+        if stored.facts.get("engine") != parts.mapper.backend.name:
             _logger.warning(
                 "The map was trained by %s and now is by %s: the run goes on, but not byte for byte.",
                 stored.facts.get("engine"),
-                parts.mapper.engine_name,
+                parts.mapper.backend.name,
             )
         surface = parts.truth().surface
         lost = _num_lines(folder.steps) - stored.step
@@ -98,7 +98,7 @@ def resume(
             folder.metrics.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:
-                log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.engine_name})
+                log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
             begin -= float(stored.facts.get("wall_s", 0.0))
             with _of_stored_state(stored), saying_how_to_go_on(folder):

@@ -22,7 +22,7 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
-from anm_mj.planning.policies.return_to_start import Returning
+from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import WayBack, load_writers, write_results
@@ -121,7 +121,7 @@ def run_loop(
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
         said = {
             "config": to_json(config),
-            "engine": mapper.engine_name,
+            "engine": mapper.backend.name,
             "files": recorder.log_sizes,
             "wall_s": time.perf_counter() - begin,
         }
@@ -140,7 +140,15 @@ def run_loop(
     robot = AnticipatingRobot(parts.robot, state)
     keeper = _StateKeeper(checkpointer, config.steps)
     followers = (robot, recorder, *observers, keeper)
-    ended = explore(robot, mapper, parts.policy, num_steps=config.steps, observers=followers, state=state)
+    ended = explore(
+        robot,
+        mapper,
+        parts.policy,
+        num_steps=config.steps,
+        localiser=parts.localiser,
+        observers=followers,
+        state=state,
+    )
     interrupted = ended.stop_reason is StopReason.INTERRUPTED
     if interrupted:
         checkpointer.finish(ended.num_steps, resumable=True)
@@ -153,7 +161,7 @@ def run_loop(
         mapper.finish()
     left = _what_is_left(parts, recorder, ended)
     back = None
-    if isinstance(parts.policy, Returning):
+    if isinstance(parts.policy, ReturnToStart):
         back = WayBack.of(recorder.poses, None if interrupted else parts.policy.explored_steps)
     memory = None if config.record.replay_bytes == 0 else parts.explorer.memory()
     metrics = write_results(
@@ -167,13 +175,14 @@ def run_loop(
 def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> dict[str, Any]:
     """Everything that a checkpoint holds, by name."""
     recorder.flush()
-    return {
+    roots = {
         "loop": state,
         "robot": parts.robot,
         "mapper": parts.mapper,
         "policy": parts.policy,
         "recorder": recorder,
     }
+    return roots if parts.localiser is None else {**roots, "localiser": parts.localiser}
 
 
 def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionState:

@@ -20,16 +20,16 @@ from anm_mj.io.run_events import Surveying
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
-from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
-from anm_mj.planning.policies.return_to_start import Returning
+from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class
+from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
-from anm_mj.scene.budget import default_steps
-from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.folder import Scene, default_steps, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import TrueView
 
 if TYPE_CHECKING:
+    from anm_mj.localisation.field_localiser import FieldLocaliser
     from anm_mj.mapping.neural_map import NeuralMap
     from anm_mj.sim.sim_robot import SimRobot
 
@@ -43,6 +43,8 @@ class Parts:
     scene: Scene
     robot: SimRobot
     mapper: NeuralMap
+    localiser: FieldLocaliser | None
+    """Where poses come from localisation."""
     explorer: GuardedPolicy
     """The policy that the configuration names."""
     policy: Policy
@@ -70,7 +72,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         AnmError: see :func:`run`.
     """
     scene = load_scene(config.scene)
-    config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
+    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    config = replace(config, steps=steps)
     if prior is not None:
         prior.compare_scene(config.scene, scene.hash)
         config = prior.config(config)
@@ -79,7 +82,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
     if prior is not None:
         prior.begin(mapper)
     with _make_robot(config, scene) as robot:
-        truth = functools.cache(lambda: _true_scene(scene, robot, config.steps, observers))
+        truth = functools.cache(lambda: _true_scene(scene, robot, steps, observers))
         told = truth() if needs_truth(config.policy) else None
         context = PolicyContext(
             robot.footprint, config.policy_settings, config.planning, config.seed, told, config.goal
@@ -90,13 +93,14 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         facts = _facts(config, scene, robot, mapper, backend)
         if prior is not None:
             facts = replace(facts, continued_from=prior.provenance)
-        yield Parts(config, scene, robot, mapper, explorer, _wrapped(explorer, config, robot), truth, facts)
+        localiser = make_localiser(config, mapper)
+        yield Parts(config, scene, robot, mapper, localiser, explorer, _wrapped(explorer, config, robot), truth, facts)
 
 
 def true_view(parts: Parts) -> Callable[[], TrueView] | None:
     """A function that gives true poses and depth; None where observations hold them."""
     config = parts.config
-    exact = config.pose == "true" and not config.sensor.misses and config.sensor.fault == "none"
+    exact = config.pose == "true" and not config.sensor.misses
     return None if exact else parts.robot.true_view
 
 
@@ -115,13 +119,20 @@ def make_mapper(config: RunConfig) -> NeuralMap:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from anm_mj.mapping.neural_map import NeuralMap
 
-    return NeuralMap(
-        config.mapping,
-        seed=config.seed,
-        device=config.device,
-        # A policy with a map of its own kind reads no geometry out of it.
-        field_is_geometry=config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None,
-    )
+    return NeuralMap(config.mapping, seed=config.seed, device=config.device)
+
+
+def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | None:
+    """What finds the poses of a robot on wheels in its map; None where poses are taken as they come.
+
+    Raises:
+        MapError: the engine of the map cannot localise.
+    """
+    if config.pose != "slam":
+        return None
+    from anm_mj.localisation.field_localiser import FieldLocaliser
+
+    return FieldLocaliser(mapper, config.localisation, seed=config.seed, planar=True, odometry=True)
 
 
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
@@ -130,7 +141,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     return make_robot(scene, config, anticipates=True, forgets_textures=True)
 
 
-def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int | None, observers: Sequence[Observer]) -> SceneTruth:
+def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Sequence[Observer]) -> SceneTruth:
     """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
 
     def tell(done: int, total: int) -> None:
@@ -149,7 +160,7 @@ def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
     if not config.return_to_start:
         return policy
     assert config.steps is not None
-    return Returning(policy, config.planning, robot.footprint, config.steps)
+    return ReturnToStart(policy, config.planning, robot.footprint, config.steps)
 
 
 def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:
@@ -162,7 +173,7 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         config.goal,
         config.seed,
         mapper.backend.device,
-        mapper.engine_name,
+        mapper.backend.name,
         backend.name,
         backend.renderer_string,
         robot.camera_kind,

@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +82,18 @@ class StopReason(StrEnum):
     """The robot did not know where it was, and no place in its map fitted what it saw."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
+
+
+class PixelState(IntEnum):
+    """What a pixel of a depth image is; the first two tell where free space is."""
+
+    MEASURED = 0
+    OUT_OF_RANGE = 1
+    """The sensor says that it looked farther than its range."""
+    LOST = 2
+    """Nothing was measured."""
+    OUTLIER = 3
+    """Something was measured that the pixels beside it contradict."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +169,8 @@ class Observation:
     """Where the base stands, as the robot believes it."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
+    pixel_state: UInt8[np.ndarray, "h w"] | None = None
+    """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
 
 
 @dataclass(frozen=True)
@@ -431,7 +444,7 @@ class Plan:
 
     reason: str
     """Why the policy decided so, in one line for a person."""
-    path_xy_m: Float[np.ndarray, "k 2"]
+    path_xy_m: Float[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Polyline from the robot to the target [m]; empty for a turn on the spot or a stop."""
     headings_rad: tuple[float, ...] = ()
     """Yaws to turn to, in this order, after arrival."""

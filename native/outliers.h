@@ -1,5 +1,5 @@
-// Pixels of a depth image that no pixel beside them agrees with, as anm_mj/sensing/outliers.py finds them, to the last bit:
-// compile without fused products.
+// Pixels of a depth image that no pixel beside them agrees with, for anm_mj/sensing/pixel_state.py. The same bits
+// everywhere: compile without fused products.
 #pragma once
 
 #include <algorithm>

@@ -30,7 +30,7 @@ def main(run: Path | None = None, out: Path = Path(), height_m: float = 0.5, ste
     neural_map = anm_mj.load_map(run)
 
     # The grid says what was observed. Anywhere else the field answers too, but means nothing.
-    grid = neural_map.occupancy
+    grid = neural_map.occupancy_grid()
     layer = grid.state[grid.layer_of(height_m)]  # [y, x]
     rows, cols = np.indices(layer.shape)
     points = np.stack([cols, rows, np.zeros_like(cols)], axis=-1).reshape(-1, 3) + 0.5

@@ -22,8 +22,8 @@ from scipy import ndimage
 from anm_mj.config import make_config
 from anm_mj.events import Observed
 from anm_mj.explore import explore
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.blocked_path import lookahead_radius_m
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
@@ -111,19 +111,19 @@ def measure(scene: str, sensor: str, noise: float, seen: list[Observation], body
     config = make_config("default", [], scene=scene).mapping
     mapper = NeuralMap(config, seed=0)
     camera = Sensor(replace(sensor_config(sensor), noise_scale=noise), seed=0)
-    truth = OccupancyGrid(config.occupancy)
+    truth = DepthOccupancy(config.occupancy)
     for frame, exact in enumerate(seen):
         truth.integrate(exact.depth_m, exact.intrinsics, exact.T_world_camera)
         rgb, depth_m = camera.measure(exact.rgb, exact.depth_m, exact.intrinsics, frame)
         mapper.integrate(replace(exact, rgb=rgb, depth_m=depth_m))
         if frame % LOOK_EVERY == 0:
-            _ = mapper.occupancy
+            _ = mapper.occupancy_grid()
         else:
-            mapper.occupancy_about(exact.pose.xy_m, lookahead_radius_m(body))
-    raw = mapper.observed
+            mapper.occupancy_grid(exact.pose.xy_m, lookahead_radius_m(body))
+    raw = mapper.occupancy.by_depth
     return [
-        Row(scene, sensor, noise, name, *compare(truth.grid, grid, raw.grid, body), raw.depth_noise_per_m)
-        for name, grid in (("occupancy", raw.grid), ("field", mapper.occupancy))
+        Row(scene, sensor, noise, name, *compare(truth.grid, grid, raw.grid, body), raw.noise.value)
+        for name, grid in (("occupancy", raw.grid), ("field", mapper.occupancy_grid()))
     ]
 
 

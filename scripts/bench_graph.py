@@ -14,8 +14,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import tyro
@@ -26,14 +25,12 @@ from anm_mj.frames import world_to_cell
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import shortest_paths
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.contracted_edges import contract
 from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
 from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
 from anm_mj.planning.policies.anm_s.spurs import prune_spurs
 from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
-from anm_mj.protocols import Mapper
 from anm_mj.scene.generation.building_map import generated_map
 from anm_mj.scene.generation.layout import BuildingKind
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
@@ -72,7 +69,6 @@ class Row:
     sites: int
     vertices: int
     edges: int
-    contracted: int
     ms: dict[str, float]
     """CPU time of each stage."""
     rooms: int
@@ -101,10 +97,10 @@ def main(
         for coarse_far_field in (False, True)
     ]
     stages = list(rows[0].ms)
-    table("floor", "graph", "sites", "vertices", "edges", "contracted edges", *stages, "all")
+    table("floor", "graph", "sites", "vertices", "edges", *stages, "all")
     for row in rows:
         times = [f"{ms:.1f}" for ms in [*row.ms.values(), sum(row.ms.values())]]
-        table(f"{row.floor_m2:.0f} m2", row.graph, row.sites, row.vertices, row.edges, row.contracted, *times)
+        table(f"{row.floor_m2:.0f} m2", row.graph, row.sites, row.vertices, row.edges, *times)
     print()
     table("floor", "graph", "rooms", "found", "of one found in one room", "of one room found as one")
     for row in rows:
@@ -169,8 +165,7 @@ def measure(plan: Plan, coarse_far_field: bool, repeats: int) -> Row:
         "Voronoi", lambda: voronoi_graph(topdown, pose.xy_m, CONFIG, SAFE_M, coarse_far_field=coarse_far_field)
     )
     kept = timed("spurs", lambda: prune_spurs(graph, borders_unknown(graph, topdown.frontier_xy_m)))
-    contracted = timed("contracted edges", lambda: contract(graph, kept))
-    timed("decisions", lambda: decision_vertices(graph, contracted))
+    timed("decisions", lambda: decision_vertices(graph, kept))
     rooms = timed("rooms", lambda: segment_rooms(graph, topdown, pose.xy_m))
     timed("paths", lambda: shortest_paths(graph, topdown, pose, SAFE_M))
     cell = world_to_cell(graph.vertex_xy_m, topdown.origin_xy_m, CELL_M)
@@ -180,7 +175,6 @@ def measure(plan: Plan, coarse_far_field: bool, repeats: int) -> Row:
         len(border_sites(topdown, pose.xy_m, CONFIG, coarse_far_field=coarse_far_field)),
         len(graph.vertex_xy_m),
         len(graph.edges),
-        len(contracted.ends),
         ms,
         int(plan.room.max()) + 1,
         len(rooms.floor_m2),
@@ -215,8 +209,8 @@ def _topdown(plan: Plan, pose: Pose2) -> TopDownMap:
         row, col = world_to_cell(points_m[:, :2], np.zeros(2), CELL_M).T
         return np.where(plan.obstacles[row, col], np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
 
-    known = SimpleNamespace(occupancy=VoxelGrid(state, seen, np.zeros(3), CELL_M), sdf=sdf, truncation_m=TRUNCATION_M)
-    return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(cast(Mapper, known), pose, CAMERA)[0]
+    grid = VoxelGrid(state, seen, np.zeros(3), CELL_M)
+    return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(grid, sdf, TRUNCATION_M, pose, CAMERA)[0]
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.frames import pixel_directions
 from anm_mj.ground_truth.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.io.read_run import read_run
-from anm_mj.mapping.config import MAPPING_PRESETS
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import FREE, Intrinsics, Observation, Pose2
 
@@ -217,7 +217,7 @@ def learnt(observations: Sequence[Observation], limit_m2: float, preset: str, se
 
 def floor_m2(neural_map: NeuralMap) -> float:
     """Floor area below anything known to be free [m2]."""
-    grid = neural_map.occupancy
+    grid = neural_map.occupancy_grid()
     return float((grid.state == FREE).any(axis=0).sum()) * grid.resolution_m**2
 
 

@@ -29,7 +29,7 @@ from rich.table import Table
 
 from anm_mj.config import make_config
 from anm_mj.events import Ended, On
-from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.types import VoxelGrid
 
 STAGES = {
@@ -140,9 +140,9 @@ def watched(watch: Watch) -> None:
     import anm_mj.run
     from anm_mj.evaluation.completion_curve import CompletionCurve
     from anm_mj.mapping.backends.native_backend import NativeBackend
-    from anm_mj.mapping.field_geometry import FieldGeometry
+    from anm_mj.mapping.depth_occupancy import DepthOccupancy
+    from anm_mj.mapping.field_occupancy import FieldOccupancy
     from anm_mj.mapping.keyframes import KeyframeStore
-    from anm_mj.mapping.occupancy import OccupancyGrid
     from anm_mj.planning.policies.gvg.gvg_policy import Gvg
     from anm_mj.planning.stages import Stages
     from anm_mj.planning.topdown_mapper import TopDownMapper
@@ -155,12 +155,12 @@ def watched(watch: Watch) -> None:
     for name in ("mjv_updateScene", "mjr_render", "mjr_readPixels"):
         watch.over(mujoco, name, "renderer")
     watch.over(SensorMonitor, "check", "monitor")
-    watch.over(OccupancyGrid, "integrate", "occupancy")
-    watch.over(OccupancyGrid, "observation_count", "counts")
+    watch.over(DepthOccupancy, "integrate", "occupancy")
+    watch.over(DepthOccupancy, "observation_count", "counts")
     watch.over(KeyframeStore, "add", "keyframes")
     watch.over(KeyframeStore, "batches", "draw")
     watch.over(NativeBackend, "steps", "train")
-    watch.over(FieldGeometry, "grid", "field read")
+    watch.over(FieldOccupancy, "grid", "field read")
     watch.over(TopDownMapper, "update", "top-down")
     watch.over(Stages, "update_graph", "graph")
     watch.over(Gvg, "plan", "plan")
@@ -219,7 +219,7 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     def note(ended: Ended) -> None:
         loop.update(seconds=dict(watch.seconds), beside=dict(watch.beside), calls=dict(watch.calls))
         # The map is given back before the run ends.
-        loop.update(config=maps[0].config, grid=maps[0].observed.grid)
+        loop.update(config=maps[0].config, grid=maps[0].occupancy.by_depth.grid)
 
     config = make_config("default", [], scene=scene, policy="gvg", steps=steps, sensor=sensor)
     _, metrics = anm_mj.run.run(config, out=out, observers=(On(Ended, note),))
@@ -247,9 +247,9 @@ def floors(config: MappingConfig, grid: VoxelGrid, iterations: float, renderer_m
     """The least milliseconds per step of the stages whose least is known."""
     from bench_mapper import LEVEL_BYTES, step_limit_ms
 
-    from anm_mj.mapping.backends.native_backend import roofline
+    from anm_mj import _native
 
-    rates = roofline(LEVEL_BYTES)
+    rates = _native.roofline(LEVEL_BYTES, "")
     cores = len(os.sched_getaffinity(0))
     sampling, schedule = config.sampling, config.schedule
     samples = sampling.samples_per_ray * (schedule.num_rays + schedule.min_current_rays)

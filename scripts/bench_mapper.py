@@ -3,14 +3,13 @@
 Workloads: the paper's training step (2048 rays of 43 samples), a smaller one ("B": 538 rays of 12), the default
 preset's (538 rays of 6), five of those with the drawing of their rays from 20 keyframes, 1.6 million SDF queries on a
 lattice, and 50,000 points under 20 perturbed decoders. Torch is measured as the engine that it is, with its own gather
-and scatter, and "eager": the table is indexed, and autograd finds the way back. The Triton engine is measured where
-there is a CUDA device for it. The limit beside the paper's step ("roofline") is made of rates that the script measures
-on the same core: random reads and updates of a table of one level's size, multiply-adds on registers, and memory read
-and written in order.
+and scatter, and "eager": the table is indexed, and autograd finds the way back. The limit beside the paper's step
+("roofline") is made of rates that the script measures on the same core: random reads and updates of a table of one
+level's size, multiply-adds on registers, and memory read and written in order.
 
-Times are medians; of one thread CPU time, which other programs on the machine disturb least, of several threads and of
-a GPU wall time, until the result is on the host. Run it pinned (``taskset -c 1 python scripts/bench_mapper.py --threads
-1``) and on a quiet machine for numbers to keep.
+Times are medians; of one thread CPU time, which other programs on the machine disturb least, of several threads wall
+time. Run it pinned (``taskset -c 1 python scripts/bench_mapper.py --threads 1``) and on a quiet machine for numbers to
+keep.
 """
 
 from __future__ import annotations
@@ -32,14 +31,14 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
+from anm_mj import _native
 from anm_mj.io.manifest import cpu_model
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
-from anm_mj.mapping.backends.select import triton_fault
+from anm_mj.mapping.backends.native_backend import NativeBackend
+from anm_mj.mapping.backends.parameters import decoder_shapes
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.keyframes import KeyframeStore
-from anm_mj.mapping.parameters import decoder_shapes
+from anm_mj.mapping.mapping_config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.types import Intrinsics, Observation, Pose2
 
@@ -48,7 +47,7 @@ LEVEL_BYTES = 1 << 19
 """The table of one level of the common shape."""
 BLOB_INPUTS = 9
 """Bins of the one-blob code that are not zero, of 48."""
-ENGINES = ["native", "torch", "torch eager", "triton"]
+ENGINES = ["native", "torch", "torch eager"]
 NUM_KEYFRAMES = 20
 """In the store that rays are drawn from."""
 
@@ -103,8 +102,7 @@ def room_rays(count: int, rng: np.random.Generator) -> RayBatch:
 def measure(workload: str, backend: MapperBackend, threads: int, runs: int, call: Callable[[int], object]) -> Row:
     """Median and fastest of ``runs`` calls, after one to warm up."""
     call(0)
-    # What a GPU does takes no time of the processor's.
-    name = "cpu" if threads == 1 and backend.device == "cpu" else "wall"
+    name = "cpu" if threads == 1 else "wall"
     clock = time.process_time if name == "cpu" else time.perf_counter
     times = []
     for run in range(runs):
@@ -132,7 +130,7 @@ def noise_view(rng: np.random.Generator) -> Observation:
 def replay_steps(backend: MapperBackend, rng: np.random.Generator) -> Callable[[int], None]:
     """What takes a training step's worth of iterations, from the draw of their rays on."""
     schedule = default_mapping().schedule
-    store = KeyframeStore(schedule.replay_bytes, schedule.pixel_share, backend.pixel_memory)
+    store = KeyframeStore(schedule.replay_bytes, schedule.pixel_share)
     view = noise_view(rng)
     for _ in range(NUM_KEYFRAMES):
         store.add(view, rng)
@@ -203,23 +201,12 @@ def step_limit_ms(rates: dict[str, float], config: MappingConfig, num_samples: i
     }
 
 
-def triton_fault_here() -> str | None:
-    """Why the Triton engine is not to be measured here; None if it is."""
-    # Its interpreter would run without, but says nothing about its speed.
-    return triton_fault() if torch.cuda.is_available() else "there is no CUDA device"
-
-
 def engine_maker(name: str, kernel: str, threads: int) -> Callable[[MappingConfig], MapperBackend]:
     """What makes an engine with so many threads."""
     if name == "torch eager":
         return lambda config: EagerTorchBackend(config, seed=0, device="cpu")
     if name == "torch":
         return lambda config: TorchBackend(config, seed=0, device="cpu")
-    if name == "triton":
-        # Triton is not made for every platform.
-        from anm_mj.mapping.backends.triton.backend import TritonBackend
-
-        return lambda config: TritonBackend(config, seed=0, device="cuda")
     return lambda config: NativeBackend(config, seed=0, num_threads=threads, kernel=kernel)
 
 
@@ -240,7 +227,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=ENGINES, help="engines to measure")
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="thread counts to measure")
-    parser.add_argument("--kernels", nargs="+", default=kernel_names(), help="instruction sets of the native engine")
+    parser.add_argument(
+        "--kernels", nargs="+", default=_native.kernel_names(), help="instruction sets of the native engine"
+    )
     parser.add_argument("--runs", type=int, default=15, help="runs per native row; the slow torch rows get fewer")
     parser.add_argument("--out", type=Path, default=Path("bench_mapper.json"), help="where the JSON goes")
     options = parser.parse_args()
@@ -249,12 +238,6 @@ def main() -> int:
     torch_runs = {"paper": max(3, options.runs // 5), "B": max(3, options.runs // 2), "sdf": 0, "perturbed": 0}
     kernels = options.kernels if "native" in options.engines else []
     rows: list[Row] = []
-    if "triton" in options.engines:
-        fault = triton_fault_here()
-        if fault is None:
-            rows += bench_engine(engine_maker("triton", "", 1), 1, native_runs)
-        else:
-            console.print(f"The Triton engine is left out: {fault}.")
     with console.status("Measuring"):
         for threads in options.threads:
             torch.set_num_threads(threads)
@@ -263,7 +246,7 @@ def main() -> int:
             for name in ("torch", "torch eager"):
                 if name in options.engines:
                     rows += bench_engine(engine_maker(name, "", threads), threads, torch_runs)
-        rates = {kernel: roofline(LEVEL_BYTES, kernel) for kernel in kernels}
+        rates = {kernel: _native.roofline(LEVEL_BYTES, kernel) for kernel in kernels}
     print_table(rows, console)
     medians = {(row.workload, row.threads, row.engine): row.median_ms for row in rows}
     limits = {}
@@ -278,7 +261,6 @@ def main() -> int:
         console.print(f"Roofline of the paper's step, {kernel}, one core: {limit:.1f} ms ({text}){told}")
     result = {
         "cpu": cpu_model(),
-        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
         "python": sys.version.split()[0],
         "torch": torch.__version__,
         "rows": [asdict(row) for row in rows],

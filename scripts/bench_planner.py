@@ -30,9 +30,9 @@ from anm_mj.explore import explore
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import reduce_depth
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
@@ -60,7 +60,7 @@ class OccupancyMapper:
     """A map that knows free, occupied and unknown, and no more."""
 
     def __init__(self) -> None:
-        self._grid = OccupancyGrid(OccupancyConfig())
+        self._grid = DepthOccupancy(OccupancyConfig())
 
     def integrate(self, observation: Observation) -> MapUpdate:
         """Fuse the depth."""
@@ -88,13 +88,10 @@ class OccupancyMapper:
         none = np.zeros((0, 3), np.float32)
         return SurfacePoints(none, none, np.zeros(0, np.float32))
 
-    @property
-    def occupancy(self) -> VoxelGrid:
+    def occupancy_grid(
+        self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
         """The grid."""
-        return self._grid.grid
-
-    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
-        """The whole grid."""
         del centre_xy_m, radius_m
         return self._grid.grid
 

@@ -85,7 +85,7 @@ def measure(name: str, neural_map: NeuralMap, truth: GroundTruth) -> list[Row]:
 
 def methods(neural_map: NeuralMap) -> dict[str, Callable[[Float[np.ndarray, "n 3"]], np.ndarray]]:
     """What is compared: the three methods that can be configured, more passes, and the two factors of the first."""
-    backend, occupancy, config = neural_map.backend, neural_map.observed, neural_map.config.uncertainty
+    backend, occupancy, config = neural_map.backend, neural_map.occupancy.by_depth, neural_map.config.uncertainty
     many, density_exponent = replace(config, num_passes=400), neural_map.config.schedule.density_exponent
     return {
         "perturbation, 20 passes": lambda p: perturbed_variance(backend, p, replace(config, num_passes=20), 0),
@@ -99,7 +99,7 @@ def methods(neural_map: NeuralMap) -> dict[str, Callable[[Float[np.ndarray, "n 3
 
 def surface(neural_map: NeuralMap) -> Float[np.ndarray, "n 3"]:
     """Zero-crossings near occupied voxels, world [m]."""
-    grid = neural_map.occupancy
+    grid = neural_map.occupancy_grid()
     size = np.array(grid.state.shape[::-1]) * grid.resolution_m
     middle = grid.origin_m + 0.5 * size
     return neural_map.surface(middle[:2], float(np.linalg.norm(size))).xyz_m.astype(float)

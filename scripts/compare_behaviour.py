@@ -48,7 +48,7 @@ def record(
         program: the ``anm-mj`` of the checkout to be recorded; by default the one beside this Python.
         steps: budget of each run.
         only: names of the runs to make, such as ``home-gvg-physics``; all by default.
-        settings: settings of every run, such as ``planning.geometry=occupancy``.
+        settings: settings of every run, such as ``mapping.geometry=occupancy``.
     """
     command = str(program or Path(sys.executable).with_name("anm-mj"))
     set_all = [text for setting in settings for text in ("--set", setting)]
@@ -135,7 +135,7 @@ def _csv_rows(path: Path) -> list[list[str]]:
 
 
 def _renamed(row: dict[str, Any], left_out: frozenset[str]) -> dict[str, Any]:
-    return {RENAMED.get(key, key): value for key, value in row.items() if key not in left_out}
+    return {RENAMED.get(key, key): value for key, value in row.items() if key not in left_out and value is not None}
 
 
 if __name__ == "__main__":

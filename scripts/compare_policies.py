@@ -12,14 +12,11 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from msgspec import Struct
 
-from anm_mj.bench.executor import RESULT
-from anm_mj.bench.run_result import OBSERVABLE, Result, read_result
+from anm_mj.bench.read_result import read_results
+from anm_mj.bench.run_result import OBSERVABLE, Result
 from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
-from anm_mj.io.jsonl import read_jsonl
-from anm_mj.utils.read_file import convert
 
 SHARE = 0.9
 """Of the other policy's final ratio."""
@@ -40,15 +37,13 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
 
     Args:
         comparison: Output folder of ``anm-mj bench``.
-        policy: First policy, as the tables name it: with settings, "anm-s (planning.target=random)".
+        policy: First policy, as the tables name it: with settings, "anm-s (policy.target=random)".
         other: Second policy.
     """
-    found, folder = {}, {}
-    for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
-        result = read_result(path.parent)
+    found = {}
+    for result in read_results(comparison):
         job = result.job
-        key = result.variant, (job["scene_name"], job["steps"], job["start"], job["seed"])
-        found[key], folder[key] = result, path.parent
+        found[result.variant, (job.scene_name, job.steps, job.start, job.seed)] = result
     both = [key for name, key in found if name == policy and (other, key) in found]
     if not both:
         raise AnmError(f"{comparison} holds no runs that both {policy} and {other} have made; see its folder runs.")
@@ -61,7 +56,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
         ratios.append(steps / their_steps)
         finals.append((ours.curve[-1, OBSERVABLE], theirs.curve[-1, OBSERVABLE]))
         areas.append((ours.area_under_curve(OBSERVABLE), theirs.area_under_curve(OBSERVABLE)))
-        took_ms += _took_ms(folder[policy, key] / "plans.jsonl")
+        took_ms += ours.decisions_ms()
         cells = (
             f"{key[0]}, {key[1]}",
             f"{key[2]}, {key[3]}",
@@ -80,25 +75,6 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     print(f"{len(took_ms)} decisions of {policy}: median, 90th, 99th percentile {half:.1f}, {many:.1f}, {most:.1f} ms.")
 
 
-class _Decision(Struct):
-    """What counts of a line of ``plans.jsonl``."""
-
-    ms: dict[str, float] | None = None
-
-
-def _took_ms(path: Path) -> list[float]:
-    """How long each decision of a run took.
-
-    Raises:
-        AnmError: The file is damaged.
-    """
-    try:
-        decisions = [convert(line, _Decision) for line in read_jsonl(path)]
-    except ValueError as err:
-        raise AnmError(f"{path} is damaged ({err}); delete the run, and give the command again.") from err
-    return [sum(decision.ms.values()) for decision in decisions if decision.ms]
-
-
 def _end(result: Result) -> str:
     """Why and when the run ended, and when it last saw something useful."""
     last = result.steps_to(result.curve[-1, OBSERVABLE] - USEFUL)
@@ -108,7 +84,7 @@ def _end(result: Result) -> str:
             f"{result.folder / 'metrics.json'} lacks {missing[0]}; delete the run, and give the command again."
         )
     steps, collisions = result.metrics["steps"], result.metrics["collisions"]
-    useful = f", last useful at {last:.0f} ({steps / max(last, 1.0):.2f})" if steps < result.job["steps"] else ""
+    useful = f", last useful at {last:.0f} ({steps / max(last, 1.0):.2f})" if steps < result.job.steps else ""
     return f"{result.metrics['stop_reason']} at {steps}{useful}, {collisions} collisions"
 
 

@@ -50,7 +50,7 @@ def points_of(path: Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " 
     points = surface(neural_map)
     points = points[np.random.default_rng(0).permutation(len(points))[:NUM_POINTS]]
     density_exponent = neural_map.config.schedule.density_exponent
-    variance = last_layer_variance(neural_map.backend, neural_map.observed, points, density_exponent)
+    variance = last_layer_variance(neural_map.backend, neural_map.occupancy.by_depth, points, density_exponent)
     return variance.astype(float), 100.0 * surface_distance(points, truth.vertices.astype(float), truth.faces)
 
 

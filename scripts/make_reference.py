@@ -7,18 +7,17 @@ the docstring below it in its dataclass. The second holds every command with its
 test compares both with the code.
 """
 
-import argparse
 import ast
 import inspect
 import textwrap
-from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from anm_mj.bench.sweep import FIELDS, Sweep
-from anm_mj.cli.main import make_parser
+from anm_mj.bench.sweep import Sweep
+from anm_mj.cli import command_line
+from anm_mj.cli.main import COMMANDS, PROGRAM
 from anm_mj.config import make_config
 from anm_mj.environments.environment_config import EnvironmentConfig
 from anm_mj.evaluation.metrics import Metrics, RunSummary
@@ -38,6 +37,7 @@ from anm_mj.types import (
     VoronoiGraph,
     VoxelGrid,
 )
+from anm_mj.utils.docstrings import field_texts, parameter_texts
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 HEAD = """# Settings, metrics, keys
@@ -79,14 +79,12 @@ def pages() -> dict[str, str]:
 def commands() -> str:
     """Every command with its options."""
     parts = [COMMANDS_HEAD]
-    for name, summary, parser in _leaves(make_parser()):
-        rows = [
-            (f"`{' '.join(_words(action))}`", " ".join((action.help or "").split()))
-            for action in parser._actions
-            if action.help != argparse.SUPPRESS and not {"--help", "--verbose"} & set(action.option_strings)
-        ]
-        table = f"\n{_table(rows, ('argument', 'meaning'))}" if rows else ""
-        parts.append(f"## `{name}`\n\n{summary[:1].upper()}{summary[1:]}.\n{table}")
+    for name, command in command_line.commands(PROGRAM, COMMANDS):
+        summary, more, _ = parameter_texts(command)
+        known = command_line.arguments(command)
+        rows = [(f"`{' '.join(filter(None, (one.flag, one.metavar)))}`", one.help) for one in known]
+        texts = [f"{summary} {more}".rstrip(), *([_table(rows, ("argument", "meaning"))] if rows else [""])]
+        parts.append(f"## `{name}`\n\n" + "\n\n".join(texts).rstrip() + "\n")
     parts.append(
         "## Environment variables\n\nThose that name data sets and models: [scenes.md](scenes.md).\n\n"
         + _table(list(VARIABLES), ("variable", "meaning"))
@@ -94,32 +92,11 @@ def commands() -> str:
     return "\n".join(parts)
 
 
-def _leaves(parser: argparse.ArgumentParser, summary: str = "") -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
-    """Name, summary and parser of every command that has no commands below it."""
-    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    if not below:
-        yield parser.prog, summary, parser
-    for action in below:
-        summaries = {choice.dest: choice.help or "" for choice in action._choices_actions}
-        for name, one in action.choices.items():
-            yield from _leaves(one, summaries[name])
-
-
-def _words(action: argparse.Action) -> list[str]:
-    """How an argument is written: its name, first of several, and what it takes."""
-    choices = "|".join(map(str, action.choices or ()))
-    takes = [] if action.nargs == 0 else [str(action.metavar or choices or action.dest.upper())]
-    long = [name for name in action.option_strings if name.startswith("--")]
-    return [*(long[:1] or action.option_strings[:1]), *takes] if action.option_strings else takes
-
-
 def reference() -> str:
     """Settings, metrics, keys, and what a policy is given."""
     config = make_config("default", [], scene="home")
     groups = [
-        name
-        for name in ("planning", "mapping", "model", "sensor", "motion", "checkpoint")
-        if is_dataclass(getattr(config, name))
+        name for name in ("planning", "mapping", "model", "sensor", "checkpoint") if is_dataclass(getattr(config, name))
     ]
     parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
     parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))
@@ -133,7 +110,7 @@ def reference() -> str:
             if rows:
                 parts.append(_section(f"`policy.*` of {', '.join(f'`{name}`' for name in names)}", "", rows))
     parts.append("## Metrics\n\nFields of `metrics.json`; `null` where unknown.\n\n" + _table(_metrics()))
-    rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep) if entry.name in FIELDS]
+    rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep)]
     parts.append("## Keys of a comparison\n\nOf the TOML file of `anm-mj bench`.\n\n" + _table(rows))
     rows = [(f"`{entry.name}`", _default(entry), text) for entry, text in _documented(EnvironmentConfig)]
     parts.append("## Options of an environment\n\n" + _table(rows))
@@ -201,15 +178,8 @@ def _methods(protocol: type) -> list[tuple[str, str, str]]:
 
 def _documented(one: type) -> list[tuple[Any, str]]:
     """The fields of a dataclass, each with the docstring below it."""
-    texts: dict[str, str] = {}
-    for base in reversed(one.__mro__):
-        if is_dataclass(base):
-            body = _class_node(base).body
-            for node, after in zip(body, [*body[1:], None], strict=True):
-                if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                    said = after.value if isinstance(after, ast.Expr) else None
-                    texts[node.target.id] = _flat(str(said.value)) if isinstance(said, ast.Constant) else ""
-    return [(entry, texts.get(entry.name, "")) for entry in fields(one)]
+    texts = field_texts(one)
+    return [(entry, _flat(texts.get(entry.name, ""))) for entry in fields(one)]
 
 
 def _class_node(one: type) -> ast.ClassDef:

@@ -35,9 +35,9 @@ from anm_mj.frames import back_project
 from anm_mj.ground_truth.ground_truth import COVERED_M, NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced
 from anm_mj.io.read_run import Run, read_run
-from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.types import Observation
 
 SEEN_SPACING_M = 0.03
@@ -152,7 +152,7 @@ def learnt(config: MappingConfig, seed: int, observations: list[Observation]) ->
 
 def fusing_s(config: MappingConfig, observations: list[Observation]) -> float:
     """CPU seconds that the occupancy grid alone takes for the observations."""
-    occupancy = OccupancyGrid(config.occupancy)
+    occupancy = DepthOccupancy(config.occupancy)
     begin = time.process_time()
     for observation in observations:
         occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)

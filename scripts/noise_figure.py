@@ -18,11 +18,10 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from anm_mj.bench.executor import RESULT
 from anm_mj.bench.line_styles import style
-from anm_mj.bench.run_result import OBSERVABLE, Result, read_result
+from anm_mj.bench.read_result import read_results
+from anm_mj.bench.run_result import OBSERVABLE, Result
 from anm_mj.errors import AnmError
-from anm_mj.io.jsonl import read_jsonl
 from anm_mj.viz.figure_file import save_figure
 
 SETTING = "sensor.noise_scale="
@@ -45,8 +44,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], out: Path = Path("no
     print_table(runs)
     took_ms = defaultdict(list)
     for (policy, _, _), result in runs.items():
-        decisions = read_jsonl(result.folder / "plans.jsonl")
-        took_ms[policy] += [sum(line["ms"].values()) for line in decisions if line["ms"]]
+        took_ms[policy] += result.decisions_ms()
     for policy, ms in took_ms.items():
         half, most = np.percentile(ms, [50, 99])
         print(f"{policy}: {len(ms)} decisions, median {half:.1f} ms, 99th percentile {most:.1f} ms.")
@@ -59,12 +57,11 @@ def read_runs(comparison: Path) -> Runs:
         AnmError: There is none, or two runs differ in something else.
     """
     runs: Runs = {}
-    for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
-        result = read_result(path.parent)
-        scale = [setting.removeprefix(SETTING) for setting in result.job["settings"] if setting.startswith(SETTING)]
+    for result in read_results(comparison):
+        scale = [setting.removeprefix(SETTING) for setting in result.job.settings if setting.startswith(SETTING)]
         if not scale:
             continue
-        key = result.job["policy"], result.job["scene_name"], float(scale[0])
+        key = result.job.policy, result.job.scene_name, float(scale[0])
         if key in runs:
             raise AnmError(f"{comparison} holds two runs of {key}; give a comparison with one start and one seed.")
         runs[key] = result
@@ -85,7 +82,7 @@ def draw(runs: Runs, out: Path) -> None:
             colour, line, mark = (style(k)[key] for key in ("color", "ls", "marker"))
             axes.plot(scale, final, ls=line, lw=1.5, color=colour, label=scene if not panel else None)
             for x, y, (_, result) in zip(scale, final, found, strict=True):
-                ended = result.metrics["steps"] < result.job["steps"]
+                ended = result.metrics["steps"] < result.job.steps
                 axes.plot(x, y, ls="", marker=mark, ms=6, color=colour, mfc="white" if ended else colour)
         axes.set(xlabel="noise scale", xlim=(-0.05, 2.05), ylim=(0.0, 100.0), title=policy)
         axes.set_ylabel("completion ratio, observable [%]" if not panel else "")
@@ -110,7 +107,7 @@ def print_table(runs: Runs) -> None:
         metrics, left = result.metrics, 100.0 - result.curve[-1, OBSERVABLE]
         if metrics["collisions"]:
             print(f"{policy} in {scene} at {scale:g}: {metrics['collisions']} contacts.")
-        if metrics["steps"] < result.job["steps"] and left > LEFT_PERCENT:
+        if metrics["steps"] < result.job.steps and left > LEFT_PERCENT:
             print(f"{policy} in {scene} at {scale:g}: {metrics['stop_reason']} with {left:.1f} % left.")
 
 

@@ -3,7 +3,8 @@
     python scripts/publish_benchmark.py bench/test
 
 writes docs/benchmarks/test.md and, in docs/benchmarks/test/, results.csv as it is and the pictures with few colours so
-that they stay small. Of a page that is there only what stands between its marks is replaced.
+that they stay small. Of several scenes the page shows pictures, not tables, which results.csv holds. Of a page that is
+there only what stands between its marks is replaced.
 """
 
 import re
@@ -22,10 +23,12 @@ from anm_mj.utils.read_file import read_text
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
 COLOURS = 256
+SCENE = r"## (\S+)"
+"""Heading of the tables of one scene."""
 PICTURES = {
     r"## Mean over .*, budget by (\w+)": (("overview_{}", "Mean coverage over scenes, and performance profiles"),),
     r"## Mean over .* policy": (("overview", "Mean coverage over scenes, and performance profiles"),),
-    r"## (\S+)": (
+    SCENE: (
         ("curves_{}", "Coverage against steps"),
         ("curves_{}_area", "Coverage against steps, budget by area"),
         ("curves_{}_rooms", "Coverage against steps, budget by rooms"),
@@ -56,24 +59,36 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
     if not (begin and end):
         raise AnmError(f"{page} holds no marks {BEGIN} and {END}; put them where the results belong.")
     try:
-        lines = _with_pictures(table.splitlines(), comparison, pages / name)
+        lines = _with_pictures(without_scene_tables(table.splitlines()), comparison, pages / name)
         write_text(pages / name / "results.csv", rows)
-        link = f"A row for every run and budget: [results.csv]({name}/results.csv)."
+        link = f"A row for every run and budget, scene by scene: [results.csv]({name}/results.csv)."
         write_text(page, f"{before}{BEGIN}\n{link}\n\n" + "\n".join(lines) + f"\n{END}{after}")
     except (OSError, ValueError) as err:
         raise AnmError(f"The results cannot be published ({err}); make them again, or give other --pages.") from err
 
 
+def without_scene_tables(lines: Sequence[str]) -> list[str]:
+    """Lines without the tables of single scenes, where there are several scenes."""
+    headings = {line for line in lines if re.fullmatch(SCENE, line)}
+    kept, heading = list[str](), ""
+    for line in lines:
+        heading = line if line.startswith("## ") else heading
+        is_cut = len(headings) > 1 and heading in headings and line.startswith("|")
+        if not is_cut and not (line == "" and kept[-1:] == [""]):
+            kept.append(line)
+    return kept
+
+
 def _with_pictures(lines: Sequence[str], comparison: Path, pictures: Path) -> list[str]:
-    """Lines with links to their pictures, whose small copies take the place of the former ones.
+    """Lines with links to their pictures, whose small copies replace those of the last time.
 
     Raises:
         OSError: A picture cannot be read or written.
         ValueError: One is damaged.
     """
     pictures.mkdir(parents=True, exist_ok=True)
-    for former in pictures.glob("*.png"):
-        former.unlink()
+    for old in pictures.glob("*.png"):
+        old.unlink()
     linked = []
     for line in lines:
         linked.append(line)

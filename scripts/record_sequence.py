@@ -18,6 +18,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.simulation_config import SimulationConfig
 
 
 class SequenceRecorder:
@@ -37,8 +38,8 @@ def main(
     out: Annotated[Path, tyro.conf.Positional],
     steps: int = 200,
     policy: str = "gvg",
-    drive: str = "kinematic",
-    image_px: int = 256,
+    drive: str = SimulationConfig.drive,
+    image_px: int = SimulationConfig.image_px,
     seed: int = 0,
 ) -> None:
     """Explore and record.

@@ -18,7 +18,7 @@ torch_backend=${UV_TORCH_BACKEND:-$(cat "$venv/torch-backend" 2>/dev/null || tru
 unset UV_TORCH_BACKEND
 
 # What the environment was made from. The path counts too: scripts and the editable install name it. So does the
-# compiler: where there was none and now is one, the native engine can be built.
+# compiler.
 state() {
     {
         cat requirements.txt pyproject.toml scripts/setup.sh native/*
@@ -28,10 +28,10 @@ state() {
     } | sha256sum | cut -d ' ' -f 1
 }
 
-# Prints the newest Python on the path, 3.11 or newer, that can import the modules given.
+# Prints the newest Python on the path, 3.11 or newer, that can import the modules given; ANM_MJ_PYTHON names another.
 find_python() {
     local name
-    for name in python3.14 python3.13 python3.12 python3.11 python3; do
+    for name in ${ANM_MJ_PYTHON:-python3.14 python3.13 python3.12 python3.11 python3}; do
         if "$name" -c "import sys$1; sys.exit(sys.version_info < (3, 11))" 2>/dev/null; then echo "$name"; return; fi
     done
     return 1
@@ -118,7 +118,7 @@ install_with_pip() {
 }
 
 install_packages() {
-    local count
+    local count why
     count=$(grep -c '^[a-z].*==' requirements.txt)
     if [ -n "$torch_backend" ]; then
         say "installing $count pinned packages, torch for '$torch_backend'"
@@ -128,16 +128,22 @@ install_packages() {
     fi
     install_with_uv 3>&1 >>"$log" 2>&1 && return
     say "uv did not get through, going on with pip (some minutes)"
-    install_with_pip >>"$log" 2>&1 || fail "packages could not be installed: $(grep -i error "$log" | tail -n 1) (all of it: $log)"
+    install_with_pip >>"$log" 2>&1 && return
+    # What CMake remembers of a failure would fail again.
+    rm -rf build
+    why=$(grep -o 'anm-mj could not be compiled;.*' "$log" | tail -n 1)
+    fail "${why:-packages could not be installed: $(grep -i error "$log" | tail -n 1)} (all of it: $log)"
 }
 
-# What the native engine is built with; without it torch does its work, so nothing fails here.
+# What the compiled module is built with.
 prepare_compiler() {
     local include version
-    command -v "${CXX:-c++}" >/dev/null || apt_install g++ || true
+    command -v "${CXX:-c++}" >/dev/null || apt_install g++ ||
+        fail "there is no C++ compiler; run: apt install g++ (or install another one for C++17), and call again."
     include=$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
-    [ -f "$include/Python.h" ] || apt_install "python$version-dev" || true
+    [ -f "$include/Python.h" ] || apt_install "python$version-dev" ||
+        fail "Python's header files are missing; run: apt install python$version-dev, and call again."
 }
 
 # Where Python may write no bytecode (PYTHONDONTWRITEBYTECODE, as images of containers have it), every command would
@@ -153,20 +159,6 @@ compile_packages() {
     done
     # Files that are no Python of this version, which packages hold for others, do not compile.
     "$python" -m compileall -q -j 0 "${folders[@]}" >/dev/null 2>&1 || true
-}
-
-# Says which engine trains maps. The package installs without the native one too, and silently.
-report_engine() {
-    if "$python" -c 'import anm_mj._native' 2>>"$log"; then
-        say "maps are trained by the native engine"
-        return
-    fi
-    # What CMake remembers of a failure would fail again.
-    rm -rf build
-    PATH=$PWD/$venv/bin:$PATH cmake -G Ninja -S native -B build/attempt -D Python_EXECUTABLE="$PWD/$python" >>"$log" 2>&1 &&
-        PATH=$PWD/$venv/bin:$PATH cmake --build build/attempt >>"$log" 2>&1 || true
-    rm -rf build
-    say "maps are trained by torch, many times slower: the native engine could not be built (why: $log); install g++ and call again."
 }
 
 # Prints the GL back-end that can make a picture; none: status 1.
@@ -194,7 +186,6 @@ SECONDS=0
 prepare_compiler
 install_packages
 compile_packages
-report_engine
 prepare_graphics
 [ -z "$torch_backend" ] || echo "$torch_backend" >"$venv/torch-backend"
 state >"$stamp"

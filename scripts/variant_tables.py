@@ -18,11 +18,10 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from anm_mj.bench.executor import RESULT
-from anm_mj.bench.run_result import OBSERVABLE, Result, read_result
+from anm_mj.bench.read_result import read_results
+from anm_mj.bench.run_result import OBSERVABLE, Result
 from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
-from anm_mj.io.jsonl import read_jsonl
 
 LEFT_PERCENT = 5.0
 """A run that ends by itself with more of the observable surface left than this has given up [%]."""
@@ -61,16 +60,16 @@ def _by_policy(comparison: Path) -> dict[str, Runs]:
         AnmError: There is none, or two of one kind.
     """
     found: dict[str, Runs] = defaultdict(dict)
-    for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
+    for whole in read_results(comparison):
         # A run with several budgets counts at the first one.
-        result = read_result(path.parent).at_budgets()[0]
+        result = whole.cuts[0]
         job = result.job
-        variant = result.variant.removeprefix(job["policy"]).strip(" ()") or USUAL
-        scene = f"{job['scene_name']}, by {result.budget_by}" if result.budget_by else job["scene_name"]
-        key = variant, scene, job["start"], job["seed"]
-        if key in found[job["policy"]]:
-            raise AnmError(f"{comparison} holds two runs of {job['policy']} with {key}; their scenes have one name.")
-        found[job["policy"]][key] = result
+        variant = result.variant.removeprefix(job.policy).strip(" ()") or USUAL
+        scene = f"{job.scene_name}, by {result.budget_by}" if result.budget_by else job.scene_name
+        key = variant, scene, job.start, job.seed
+        if key in found[job.policy]:
+            raise AnmError(f"{comparison} holds two runs of {job.policy} with {key}; their scenes have one name.")
+        found[job.policy][key] = result
     if not found:
         raise AnmError(f"{comparison} holds no finished run; make them by anm-mj bench.")
     # The usual variant first, then those with the shortest names.
@@ -116,15 +115,13 @@ def _told(runs: list[Result]) -> str:
     """Contacts, early ends, mesh accuracy and decision times of a variant's runs."""
     touched = sum(run.metrics["collisions"] > 0 for run in runs)
     early = [
-        f"{run.metrics['stop_reason']} in {run.job['scene_name']}, start {run.job['start']}, at {run.metrics['steps']} "
+        f"{run.metrics['stop_reason']} in {run.job.scene_name}, start {run.job.start}, at {run.metrics['steps']} "
         f"with {100.0 - run.curve[-1, OBSERVABLE]:.1f} % left"
         for run in runs
-        if run.metrics["steps"] < run.job["steps"] and run.curve[-1, OBSERVABLE] < 100.0 - LEFT_PERCENT
+        if run.metrics["steps"] < run.job.steps and run.curve[-1, OBSERVABLE] < 100.0 - LEFT_PERCENT
     ]
     accuracy_cm = [run.metrics["accuracy_cm"] for run in runs if run.metrics.get("accuracy_cm") is not None]
-    took_ms = [
-        sum(line["ms"].values()) for run in runs for line in read_jsonl(run.folder / "plans.jsonl") if line["ms"]
-    ]
+    took_ms = [ms for run in runs for ms in run.decisions_ms()]
     told = [f"{touched} of {len(runs)} runs with a contact", *early]
     if accuracy_cm:
         told.append(f"mesh accuracy {min(accuracy_cm):.2f} to {max(accuracy_cm):.2f} cm")

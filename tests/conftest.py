@@ -20,8 +20,7 @@ install_import_hook("anm_mj", "tests.typechecker.check")
 
 from anm_mj.errors import RenderError  # noqa: E402
 from anm_mj.sim.gl import select_backend  # noqa: E402
-
-_DEV_SCENES = Path(__file__).resolve().parents[1] / ".." / "shared" / "scenes" / "dev"
+from tests.public_scenes import PUBLIC_SCENES  # noqa: E402
 
 try:
     # Sets MUJOCO_GL in the controlling process too, from which pytest-xdist's workers inherit it.
@@ -37,9 +36,8 @@ hypothesis.settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")
-def dev_scenes() -> Path:
-    """The folder of third-party scenes, which are no part of the repository."""
-    folder = _DEV_SCENES.resolve()
-    if not folder.is_dir():
-        pytest.skip(f"no third-party scenes in {folder}")
-    return folder
+def public_scenes() -> Path:
+    """The folder of scenes of others."""
+    if not PUBLIC_SCENES.is_dir():
+        pytest.skip("ANM_MJ_PUBLIC_SCENES names no folder of public scenes")
+    return PUBLIC_SCENES

@@ -50,3 +50,9 @@ def compile_scene() -> Callable[..., tuple[mujoco.MjModel, mujoco.MjData]]:
         return model, mujoco.MjData(model)
 
     return compile_with
+
+
+def let_wheel_stick(model: mujoco.MjModel, *, left: bool, prefix: str = "") -> None:
+    """Let a wheel of the builtin robot stick, in a simulation by physics."""
+    joint = prefix + ("wheel_left" if left else "wheel_right")
+    model.dof_damping[model.joint(joint).dofadr] = 1e3

@@ -49,7 +49,7 @@ def test_settings_whose_limits_depend_on_one_another_may_come_in_any_order():
         ("tour_depht=3", "did you mean policy.tour_depth"),
         ("margin_m=0.1", "did you mean planning.margin_m"),
         ("planing.margin_m=0.1", "did you mean planning.margin_m?"),
-        ("planning.xyz=1", "there are planning.geometry, planning.margin_m, planning.sdf"),
+        ("planning.xyz=1", "there are planning.margin_m, planning.sdf"),
         ("planning=1", "no such setting"),
         ("policy_settings=1", "no such setting"),
         ("planning.margin_m.x=1", "no such setting"),
@@ -106,6 +106,14 @@ def test_a_stored_setting_that_is_not_known_is_left_out():
     stored = written(config_with(seed=4))
     stored["planning"] |= {"number_of_thumbs": 2}
     assert read_config(stored) == config_with(seed=4)
+
+
+def test_a_setting_that_moved_to_another_group_keeps_its_name():
+    moved = config_with("mapping.geometry=occupancy")
+    assert config_with("planning.geometry=occupancy") == moved != config_with()
+    stored = written(moved)
+    stored["planning"]["geometry"] = stored["mapping"].pop("geometry")
+    assert read_config(stored) == moved
 
 
 def test_a_named_robot_brings_its_settings():

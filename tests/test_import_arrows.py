@@ -17,7 +17,7 @@ _FLOORS = {
     "core": (
         ("_native", "errors", "types"),
         ("frames", "protocols", "utils"),
-        ("geometry",),
+        ("geometry", "mjcf"),
         ("robot",),
         ("control",),
         ("sensing",),
@@ -49,7 +49,7 @@ _RANK = {room: rank for rank, tier in enumerate(sum(_FLOORS.values(), ())) for r
 _FLOOR = {room: floor for floor, tiers in _FLOORS.items() for tier in tiers for room in tier}
 
 _ONLY_IN = {
-    "mujoco": {"scene", "sim", "robot", "control"},
+    "mujoco": {"mjcf", "scene", "sim", "robot", "control"},
     "dm_control": {"environments"},
     "gymnasium": {"environments"},
     "mink": {"control"},
@@ -129,7 +129,7 @@ def test_light_parts_load_without_heavy_packages():
     ("source", "room"),
     [
         ("import anm_mj.explore", "planning"),
-        ("from anm_mj.mapping.field import Field", "planning"),
+        ("from anm_mj.mapping.backends.torch_field import Field", "planning"),
         ("from anm_mj import cli", "sim"),
         ("def f():\n    from anm_mj.evaluation import mesh", "sim"),
         ("def f():\n    from anm_mj.scene import build", "mapping"),

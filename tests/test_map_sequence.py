@@ -73,7 +73,7 @@ def test_a_run_folder_can_be_mapped_again(mapped, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--camera", "525,525"], "--camera is '525,525'"),
+        (["--camera", "525,525"], "--camera: '525,525' is not FX,FY,CX,CY"),
         (["--radius", "2"], "makes no sense"),
         (["--layout", "kitti"], "There is no layout 'kitti'"),
     ],

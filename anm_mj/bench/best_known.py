@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from anm_mj.bench.job import PLATFORM
 from anm_mj.bench.run_result import OBSERVABLE, Result, split_settings
 from anm_mj.planning.policies.registry import needs_truth
 
@@ -24,9 +25,9 @@ BEST = ("auc", "final")
 
 def situation(result: Result) -> tuple[Any, ...]:
     """What runs must share to be compared with one another's tours: all but what only concerns the map."""
-    conditions = (value for key, value in result.conditions.items() if key not in ("preset", "goal"))
-    robot, _ = split_settings(" ".join(result.job["settings"]))
-    return result.job["scene_name"], result.job["start"], result.budget, *conditions, *robot
+    job = result.job
+    robot, _ = split_settings(" ".join(job.settings))
+    return job.scene_name, job.start, result.budget, *(getattr(job, key) for key in PLATFORM), *robot
 
 
 def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, Any]]:
@@ -41,7 +42,7 @@ def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, 
     groups: dict[tuple[Any, ...], list[Result]] = {}
     for result in results:
         groups.setdefault(situation(result), []).append(result)
-    return {key: _best(group) for key, group in groups.items() if any(needs_truth(r.job["policy"]) for r in group)}
+    return {key: _best(group) for key, group in groups.items() if any(needs_truth(r.job.policy) for r in group)}
 
 
 def _best(group: Sequence[Result]) -> dict[str, Any]:
@@ -53,7 +54,7 @@ def _best(group: Sequence[Result]) -> dict[str, Any]:
         reached = [steps for result in group if np.isfinite(steps := result.steps_to(level))]
         # A level that the first view reaches takes no steps.
         best[f"steps_to_{level}"] = max(min(reached), 1.0) if reached else math.nan
-    bounds = [bound for result in group if (bound := result.bound()) is not None]
+    bounds = [bound for result in group if (bound := result.upper_bound()) is not None]
     if bounds:
         budget = group[0].budget
         steps, most = bounds[0].T

@@ -13,15 +13,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from anm_mj.bench.curve_figure import draw_curves
 from anm_mj.bench.executor import UNFINISHED, run_jobs
 from anm_mj.bench.job import Job
 from anm_mj.bench.overview_figure import draw_overview
+from anm_mj.bench.read_result import finished, read_result, revision_text
 from anm_mj.bench.report_page import BADGE, CARD, badge_svg, data_card, headline, write_page
 from anm_mj.bench.results_table import tidy_rows, write_csv
-from anm_mj.bench.run_result import Result, by_budget, finished, read_result, revision_text
+from anm_mj.bench.run_result import Result, by_budget
 from anm_mj.bench.scene_figure import draw_scene
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.tables import markdown
@@ -94,10 +94,28 @@ def run_bench(
     modules = tuple(dict.fromkeys((str(Path.cwd()), str(file.resolve().parent))))
     sys.path[:0] = [folder for folder in modules if folder not in sys.path]
     jobs = read_jobs(file, policies)
+    # The folders of this machine are private.
+    text = shlex.join(Path(word).name if Path(word).is_absolute() else word for word in command)
     with _only_writer(out):
+        there = finished(jobs, out / "runs")
         if one_revision:
-            _check_revision(finished(jobs, out / "runs"), out)
-        return _make_missing(jobs, file, out, num_workers, executor, command, function, modules, on_run)
+            _check_revision(there, out)
+        _prepare(jobs, file, out, text)
+        missing = [job for job in jobs if job not in there]
+        failures = []
+        done, written_s = len(there), time.monotonic()
+        on_run(done, len(jobs), "")
+        for now in _stages(missing):
+            for job, error in run_jobs(now, out / "runs", executor, min(num_workers, len(now)), function, modules):
+                done += error is None
+                if error is not None:
+                    failures.append(error)
+                elif time.monotonic() - written_s > TABLES_EVERY_S:
+                    write_tables(jobs, out, text, (PICTURE,))
+                    written_s = time.monotonic()
+                on_run(done, len(jobs), error or job.name)
+        write_tables(jobs, out, text)
+    return Comparison(out, jobs, len(there), failures)
 
 
 def _check_revision(there: Sequence[Job], out: Path) -> None:
@@ -154,17 +172,12 @@ def _only_writer(out: Path) -> Iterator[None]:
         yield
 
 
-def _make_missing(
-    jobs: list[Job],
-    file: Path,
-    out: Path,
-    num_workers: int,
-    executor: str,
-    command: Sequence[str],
-    function: str,
-    modules: tuple[str, ...],
-    on_run: Callable[[int, int, str], None],
-) -> Comparison:
+def _prepare(jobs: Sequence[Job], file: Path, out: Path, command: str) -> None:
+    """Remove what unfinished runs left in the folder of a comparison, and note file and command there.
+
+    Raises:
+        BenchError: A file is in the place of a run, or one cannot be written.
+    """
     runs = out / "runs"
     with _writable(out):
         runs.mkdir(exist_ok=True)
@@ -174,26 +187,9 @@ def _make_missing(
         for job in jobs:
             if (runs / job.name).exists() and not (runs / job.name).is_dir():
                 raise BenchError(f"{runs / job.name} is no folder; remove it, or give another --out.")
-        text = shlex.join(_without_folders(command))
-        write_text(out / "command.txt", f"{text}\n")
+        write_text(out / "command.txt", f"{command}\n")
         if file.resolve() != (out / "bench.toml").resolve():
             write_text(out / "bench.toml", read_text(file))
-    there = {job.name for job in finished(jobs, runs)}
-    missing = [job for job in jobs if job.name not in there]
-    failures = []
-    done, written_s = len(there), time.monotonic()
-    on_run(done, len(jobs), "")
-    for now in _stages(missing):
-        for job, error in run_jobs(now, runs, executor, min(num_workers, max(len(now), 1)), function, modules):
-            done += error is None
-            if error is not None:
-                failures.append(error)
-            elif time.monotonic() - written_s > TABLES_EVERY_S:
-                write_tables(jobs, out, text, (PICTURE,))
-                written_s = time.monotonic()
-            on_run(done, len(jobs), error or job.name)
-    write_tables(jobs, out, text)
-    return Comparison(out, jobs, len(there), failures)
 
 
 def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:
@@ -209,11 +205,6 @@ def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:
         yield list(group)
 
 
-def _without_folders(command: Sequence[str]) -> list[str]:
-    """A command line without the folders of this machine."""
-    return [Path(word).name if Path(word).is_absolute() else word for word in command]
-
-
 def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[str] = KINDS) -> None:
     """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics.
 
@@ -224,23 +215,31 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
     if not results:
         return
     with _writable(out):
-        _write_results(jobs, results, out, command, kinds)
+        rows = tidy_rows(results)
+        write_csv(out / "results.csv", rows)
+        table = markdown(rows, command, len(jobs))
+        write_text(out / "table.md", table)
+        pictures = _draw(jobs, results, out, kinds)
+        if kinds != KINDS:
+            return
+        title = f"Comparison {out.resolve().name}"
+        card = data_card(rows, title, command)
+        write_text(out / CARD, card)
+        about = headline(rows)
+        badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
+        if badge:
+            write_text(out / BADGE, badge)
+        write_page(out, title, table, card, badge, pictures)
 
 
-def _write_results(
-    jobs: Sequence[Job], results: Sequence[Result], out: Path, command: str, kinds: Sequence[str]
-) -> None:
-    rows = tidy_rows(results)
-    write_csv(out / "results.csv", rows)
-    table = markdown(rows, command, len(jobs))
-    write_text(out / "table.md", table)
+def _draw(jobs: Sequence[Job], results: Sequence[Result], out: Path, kinds: Sequence[str]) -> dict[str, list[Path]]:
+    """Draw the pictures of a comparison; returns those of each scene, and those of all under an empty name."""
     folders = {job.scene_name: job.scene for job in jobs}
-    pictures: dict[str, list[Path]] = {}
-    for name in dict.fromkeys(result.job["scene_name"] for result in results):
-        here = [result for result in results if result.job["scene_name"] == name]
+    pictures: dict[str, list[Path]] = {"": []}
+    for name in dict.fromkeys(result.job.scene_name for result in results):
         # A scene may call itself anything.
         own = file_name(name)
-        cuts = by_budget(here)
+        cuts = by_budget([result for result in results if result.job.scene_name == name])
         pictures[name] = [
             draw_curves(out / f"curves_{own}{'_' * bool(by)}{by}.png", name, runs, kinds)[0]
             for by, runs in cuts.items()
@@ -249,28 +248,6 @@ def _write_results(
             # At the first budget, which all variants have.
             runs = next(iter(cuts.values()))
             pictures[name] += draw_scene(out / f"scene_{own}.png", load_scene(folders[name]), runs)
-    if kinds == KINDS:
-        _write_report(out, rows, results, table, command, pictures)
-
-
-def _write_report(
-    out: Path,
-    rows: Sequence[dict[str, Any]],
-    results: Sequence[Result],
-    table: str,
-    command: str,
-    pictures: dict[str, list[Path]],
-) -> None:
-    """The page of all runs, with data card and badge."""
-    pictures[""] = []
-    for by, cuts in by_budget(results).items():
-        path = out / f"overview{'_' * bool(by)}{by}.png"
-        pictures[""] += draw_overview(path, cuts)
-    title = f"Comparison {out.resolve().name}"
-    card = data_card(rows, title, command)
-    write_text(out / CARD, card)
-    about = headline(rows)
-    badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
-    if badge:
-        write_text(out / BADGE, badge)
-    write_page(out, title, table, card, badge, pictures)
+    for by, runs in by_budget(results).items() if kinds == KINDS else ():
+        pictures[""] += draw_overview(out / f"overview{'_' * bool(by)}{by}.png", runs)
+    return pictures

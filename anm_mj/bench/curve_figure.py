@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from anm_mj.bench.line_styles import legend_name, style
-from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, of_all_starts
+from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, drawn_variants
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 
 CURVE_POINTS = 201
@@ -34,24 +34,21 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     Raises:
         OSError: A file cannot be written.
     """
-    results, left_out = of_all_starts(results)
-    budget = max(result.job["steps"] for result in results)
+    variants, left_out = drawn_variants(results)
+    results = [run for runs in variants.values() for run in runs]
+    budget = max(result.job.steps for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
     known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
     column, label = (OBSERVABLE, "completion ratio, observable [%]") if known else (COMPLETION, "completion ratio [%]")
     figure = Figure(figsize=(9.5, 4.5), dpi=120, layout="constrained")
     axes = figure.add_subplot()
-    names = list(dict.fromkeys(result.variant for result in results))
-    counts = set()
-    for k, name in enumerate(names):
-        runs = [result.curve for result in results if result.variant == name]
-        counts.add(len(runs))
-        values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
+    for k, (name, runs) in enumerate(variants.items()):
+        values = np.stack([np.interp(steps, run.curve[:, 0], run.curve[:, column]) for run in runs])
         mean = values.mean(axis=0)
         colour, line, mark = (style(k)[key] for key in ("color", "ls", "marker"))
         # The marks of one curve stand between those of the others.
         every = CURVE_POINTS // MARKS_PER_CURVE
-        at = (round(every * (k + 0.5) / len(names)), every)
+        at = (round(every * (k + 0.5) / len(variants)), every)
         axes.plot(steps, mean, ls=line, lw=1.5, color=colour, marker=mark, markevery=at, ms=5.5, mec="white", mew=0.6,
                   label=legend_name(name), zorder=3)  # fmt: skip
         if len(runs) > 1:
@@ -62,7 +59,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
             axes.plot(steps, np.stack([low, high], axis=1), ls=line, lw=0.6, color=colour, alpha=0.6)
     axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
     by = results[0].budget_by
-    title = [scene + (f", budget by {by}" if by else ""), _lines_and_bands(counts)]
+    title = [scene + (f", budget by {by}" if by else ""), _lines_and_bands([len(runs) for runs in variants.values()])]
     if left_out:
         title.append(f"left out for having fewer runs: {left_out}")
     axes.set_title(plain("\n".join(title)), fontsize=9)
@@ -72,8 +69,8 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     return save_figure(figure, path, kinds)
 
 
-def _lines_and_bands(counts: set[int]) -> str:
-    """What they are, of variants with so many runs."""
+def _lines_and_bands(counts: Sequence[int]) -> str:
+    """What lines and bands show, given the number of runs of each variant."""
     low, high = min(counts), max(counts)
     if high == 1:
         return "one run each"

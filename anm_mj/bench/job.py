@@ -1,4 +1,4 @@
-"""One run of a comparison."""
+"""One run of a comparison: the configuration of a run, and which scene, start and budgets it belongs to."""
 
 from __future__ import annotations
 
@@ -7,23 +7,34 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
-from anm_mj.planning.policies.context import DEFAULT_GOAL
+from msgspec import Meta
+
+from anm_mj.config import MOST_STEPS, RunConfig, make_config
+from anm_mj.io.run_shapes import Count, Number
 from anm_mj.planning.policies.registry import policy_entry
-from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.files import file_name
 
-if TYPE_CHECKING:
-    from anm_mj.config import RunConfig
-
-
+CONDITIONS: dict[str, str] = {
+    "preset": RunConfig.preset,
+    "robot": RunConfig.robot,
+    "drive": RunConfig.drive,
+    "pose": RunConfig.pose,
+    "sensor": SensorConfig.name,
+    "goal": RunConfig.goal,
+}
+"""Options of a run that a comparison varies beside policy and settings, and their defaults, which variant names leave
+out."""
+PLATFORM = ("robot", "drive", "pose", "sensor")
+"""Conditions in which runs agree where two policies are compared."""
 UNTRAINED = (
     "mapping.schedule.first_iterations=0",
     "mapping.schedule.iterations=0",
     "mapping.schedule.final_iterations=0",
     "mapping.schedule.keyframe_every=1000000",
-    "planning.geometry=occupancy",
+    "mapping.geometry=occupancy",
 )
 """Settings of a run that trains no map: the occupancy alone says what blocks a path."""
 
@@ -37,46 +48,36 @@ class Job:
     scene_name: str
     scene_hash: str
     policy: str
-    start: int
+    start: Count
     """Index among the scene's start poses."""
-    start_pose: tuple[float, float, float]
+    start_pose: tuple[Number, Number, Number]
     """x [m], y [m], yaw [deg]."""
     seed: int
-    steps: int
-    preset: str
-    settings: tuple[str, ...]
+    steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)]
+    preset: str = CONDITIONS["preset"]
+    settings: tuple[str, ...] = ()
     """Settings as given to ``--set``."""
-    sensor: str = "exact"
+    sensor: str = CONDITIONS["sensor"]
     """Name of the sensor whose errors are simulated."""
-    robot: str = DEFAULT_ROBOT
+    robot: str = CONDITIONS["robot"]
     """Name of a builtin robot, or its MJCF file."""
-    drive: str = "kinematic"
-    pose: str = "true"
-    goal: str = DEFAULT_GOAL
+    drive: str = CONDITIONS["drive"]
+    pose: str = CONDITIONS["pose"]
+    goal: str = CONDITIONS["goal"]
     """What the run is for: coverage, reconstruction, or both in this order."""
     views: bool = True
-    """Whether the finished map is judged by held-out and by fixed views."""
+    """Whether the finished map is judged by novel and by fixed views."""
     maps: bool = True
     """Whether a map is trained for a policy that asks it nothing, too."""
-    cuts: tuple[tuple[str, int], ...] = ()
+    cuts: tuple[tuple[str, Count], ...] = ()
     """Budgets by name that the tables cut the run at [steps]; empty = none but ``steps``."""
-
-    @classmethod
-    def from_facts(cls, facts: Mapping[str, Any]) -> Job:
-        """A job from its fields as JSON has them."""
-        lists = {key: tuple(facts[key]) for key in ("start_pose", "settings")}
-        cuts = tuple((name, steps) for name, steps in facts.get("cuts", ()))
-        return cls(**{**facts, **lists, "cuts": cuts})
 
     @property
     def name(self) -> str:
         """A readable folder name, unique to the job's content."""
-        # The path of a scene does not affect the run.
-        facts = {key: value for key, value in self.facts.items() if key != "scene"}
-        for field in fields(self):
-            # Comparisons made before there was a choice go on.
-            if facts.get(field.name) == field.default:
-                del facts[field.name]
+        # The path of a scene does not affect the run; options that were added later leave the names of others alone.
+        late = {field.name: field.default for field in fields(self) if field.name not in ("preset", "settings")}
+        facts = {key: value for key, value in self.facts.items() if key != "scene" and late.get(key) != value}
         digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:8]
         text = f"{self.scene_name}_{self.policy}_start{self.start}_seed{self.seed}"
         return f"{file_name(text)}_{digest}"
@@ -87,10 +88,20 @@ class Job:
         return {**asdict(self), "scene": self.scene_name, "robot": Path(self.robot).name}
 
     @property
+    def conditions(self) -> dict[str, str]:
+        """Its values of ``CONDITIONS``."""
+        return {key: getattr(self, key) for key in CONDITIONS}
+
+    @property
+    def variant(self) -> str:
+        """Policy, with conditions and settings if these are not the defaults."""
+        return variant({"policy": self.policy, **self.conditions, "settings": " ".join(self.settings)})
+
+    @property
     def trains(self) -> bool:
         """Whether the run trains a map: where sensor or pose err, occupancy without a field would block other paths."""
         errs = any(setting.startswith("sensor.") for setting in self.settings)
-        exact = self.sensor == "exact" and self.pose == "true" and not errs
+        exact = self.sensor == CONDITIONS["sensor"] and self.pose == "true" and not errs
         return self.maps or not exact or policy_entry(self.policy).asks_map
 
     def config(self) -> RunConfig:
@@ -99,20 +110,17 @@ class Job:
         Raises:
             ConfigError: The preset or a setting is not one there is.
         """
-        # A worker should not wait for what only the real runs need.
-        from anm_mj.config import make_config
+        options = {key: getattr(self, key) for key in ("scene", "policy", "steps", "seed")}
+        settings = [*(() if self.trains else UNTRAINED), *self.settings]
+        return make_config(settings=settings, start=self.start_pose, **options, **self.conditions)
 
-        return make_config(
-            self.preset,
-            [*(() if self.trains else UNTRAINED), *self.settings],
-            sensor=self.sensor,
-            robot=self.robot,
-            drive=self.drive,
-            pose=self.pose,
-            goal=self.goal,
-            scene=self.scene,
-            policy=self.policy,
-            steps=self.steps,
-            seed=self.seed,
-            start=self.start_pose,
-        )
+
+def variant(row: Mapping[str, Any]) -> str:
+    """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed.
+
+    Args:
+        row: Of the results table: ``policy``, the keys of ``CONDITIONS``, and ``settings`` as one text.
+    """
+    special = [row[key] for key, usual in CONDITIONS.items() if row[key] != usual]
+    text = " ".join(text for text in (*special, row["settings"]) if text)
+    return f"{row['policy']} ({text})" if text else row["policy"]

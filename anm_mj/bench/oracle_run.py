@@ -7,15 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from anm_mj.bench.executor import RESULT
-from anm_mj.bench.job import Job
+from anm_mj.bench.job import PLATFORM, Job
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
 from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.io.read_run import read_json
 from anm_mj.run_parts import make_parts
 from anm_mj.utils.files import write_text
+from anm_mj.utils.read_file import convert
 
-_SHARED = ("scene_hash", "start_pose", "robot", "drive", "pose", "sensor")
+_SHARED = ("scene_hash", "start_pose", *PLATFORM)
 """What a run must share with the oracle's for its poses to be worth a try."""
 
 
@@ -27,12 +28,10 @@ def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
         job: The run.
         runs: Folder of all runs of the comparison.
     """
-    facts = job.facts
-    wanted = [list(value) if isinstance(value := facts[key], tuple) else value for key in _SHARED]
     folders = []
     for path in sorted(runs.glob(f"[!.]*/{RESULT}")):
-        other = read_json(path)
-        if [other.get(key) for key in _SHARED] == wanted and other["policy"] != job.policy:
+        other = convert(read_json(path), Job)
+        if other.policy != job.policy and all(other.facts[key] == job.facts[key] for key in _SHARED):
             folders.append(str(path.parent))
     return replace(config, policy_settings=replace(config.policy_settings, warm_start=os.pathsep.join(folders)))
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from anm_mj.bench.best_known import situation
 from anm_mj.bench.line_styles import legend_name, style
-from anm_mj.bench.run_result import OBSERVABLE, Result, of_all_starts
+from anm_mj.bench.run_result import OBSERVABLE, Result, drawn_variants
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
 from anm_mj.viz.figure_file import PICTURE, save_figure
 
@@ -45,17 +45,15 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     figure = Figure(figsize=(11.0, 4.4), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2)
     fewest = _fewest(results)
-    results, count = of_all_starts(results)
-    names = list(dict.fromkeys(result.variant for result in results))
-    for k, name in enumerate(names):
-        runs = [result for result in results if result.variant == name]
+    variants, count = drawn_variants(results)
+    for k, (name, runs) in enumerate(variants.items()):
         _draw_curve(left, runs, k, name)
         factors = np.sort([max(run.steps_to(LEVEL), 1.0) / fewest[situation(run)] for run in runs])
         factors = factors[np.isfinite(factors)]
         at = np.concatenate([[1.0], factors, [LARGEST_FACTOR]])
         share = np.concatenate([np.arange(len(factors) + 1), [len(factors)]]) / len(runs)
         right.step(at, 100.0 * share, where="post", lw=1.5, markevery=0.2, ms=5, mec="white", mew=0.6, **style(k))
-    scenes = len({result.job["scene_name"] for result in results})
+    scenes = len({run.job.scene_name for runs in variants.values() for run in runs})
     left_out = f"; left out for having fewer runs: {count}" if count else ""
     band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
@@ -86,7 +84,7 @@ def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str) -> None:
     per_scene: dict[str, list[Float[np.ndarray, " shares"]]] = {}
     for run in runs:
         values = np.interp(SHARES * run.budget, run.curve[:, 0], run.curve[:, OBSERVABLE])
-        per_scene.setdefault(run.job["scene_name"], []).append(values)
+        per_scene.setdefault(run.job.scene_name, []).append(values)
     means = np.array([np.mean(curves, axis=0) for curves in per_scene.values()])
     axes.plot(100.0 * SHARES, means.mean(axis=0), lw=1.5, markevery=(5 * k % 20, 20), ms=5, mec="white", mew=0.6,
               label=legend_name(name), **style(k))  # fmt: skip

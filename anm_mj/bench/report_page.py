@@ -9,12 +9,12 @@ import base64
 import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markdown_it import MarkdownIt
 
-from anm_mj.bench.run_result import variant
+from anm_mj.bench.job import variant
+from anm_mj.bench.markdown_table import Rows, numbers, split_by
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 from anm_mj.utils.files import write_text
 
@@ -30,6 +30,30 @@ p { overflow-x: auto; }
 img { max-width: 100%; height: auto; }
 @media (max-width: 44rem) { p img { max-width: none; width: 36rem; } }
 h2 { margin-top: 2.5rem; border-top: 1px solid #ddd; padding-top: 1rem; }
+"""
+
+_CARD = """\
+# Data card: {title}
+
+Made by `{command}`. Each row of `results.csv` is one run of one policy from one start at one budget.
+
+| scene | hash | starts, at most | budgets [steps] |
+|---|---|---:|---|
+{scenes}
+
+**Policies:** {variants}.
+
+**Revision of the program:** {revisions}; `+` marks a checkout with changes.
+
+**Measured:** completion by 200,000 samples of the true surface, frames reduced to 128 x 128 pixels, 5 cm; the \
+observable part alone where a column says so. Areas under the curve are means over the budget.
+
+**Counted:** turns and refused moves are steps. A run that never reaches a level counts with its budget. Starts and \
+seeds of one scene are averaged before scenes are compared; intervals are of a bootstrap over scenes.
+
+**Limits:** simulated scenes; one robot unless a row says otherwise; what holds for these scenes need not hold for \
+others. Columns that begin with `hz`, and `wall_s`, `evaluation_s` and `peak_rss_mib`, depend on the machine and what \
+else it did; all others repeat byte for byte on the same type of machine.
 """
 
 
@@ -69,7 +93,7 @@ def _image(path: Path) -> str:
     return f'<p><img alt="{html.escape(path.stem)}" src="data:image/png;base64,{data}"></p>'
 
 
-def data_card(rows: Sequence[Mapping[str, Any]], title: str, command: str) -> str:
+def data_card(rows: Rows, title: str, command: str) -> str:
     """What the numbers of a comparison are: scenes with hashes, variants, budgets, protocol and limits, in Markdown.
 
     Args:
@@ -77,47 +101,18 @@ def data_card(rows: Sequence[Mapping[str, Any]], title: str, command: str) -> st
         title: Name of the comparison.
         command: The command that made it.
     """
-    scenes = {row["scene"]: row for row in rows}
-    lines = [
-        f"# Data card: {title}",
-        "",
-        f"Made by `{command}`. Each row of `results.csv` is one run of one policy from one start at one budget.",
-        "",
-        "| scene | hash | starts, at most | budgets [steps] |",
-        "|---|---|---:|---|",
-    ]
-    for name, row in scenes.items():
-        here = [other for other in rows if other["scene"] == name]
-        starts = len({other["start"] for other in here})
-        budgets = sorted({(other["budget"], other["budget_by"]) for other in here})
+    scenes = []
+    for name, here in split_by(rows, "scene").items():
+        starts = len(split_by(here, "start"))
+        budgets = sorted({(row["budget"], row["budget_by"]) for row in here})
         text = ", ".join(f"{steps} (by {by})" if by else str(steps) for steps, by in budgets)
-        lines.append(f"| {name} | `{row['scene_hash'][:12]}` | {starts} | {text} |")
-    variants = ", ".join(f"`{name}`" for name in dict.fromkeys(variant(row) for row in rows))
-    revisions = ", ".join(f"`{name}`" for name in sorted({row["revision"] for row in rows}))
-    return "\n".join(
-        [
-            *lines,
-            "",
-            f"**Policies:** {variants}.",
-            "",
-            f"**Revision of the program:** {revisions}; `+` marks a checkout with changes.",
-            "",
-            "**Measured:** completion by 200,000 samples of the true surface, frames reduced to 128 x 128 pixels, 5 "
-            "cm; the observable part alone where a column says so. Areas under the curve are means over the budget.",
-            "",
-            "**Counted:** turns and refused moves are steps. A run that never reaches a level counts with its budget. "
-            "Starts and seeds of one scene are averaged before scenes are compared; intervals are of a bootstrap over "
-            "scenes.",
-            "",
-            "**Limits:** simulated scenes; one robot unless a row says otherwise; what holds for these scenes need not "
-            "hold for others. Columns that begin with `hz`, and `wall_s`, `evaluation_s` and `peak_rss_mib`, depend on "
-            "the machine and what else it did; all others repeat byte for byte on the same type of machine.",
-            "",
-        ]
-    )
+        scenes.append(f"| {name} | `{here[-1]['scene_hash'][:12]}` | {starts} | {text} |")
+    variants = ", ".join(f"`{name}`" for name in dict.fromkeys(map(variant, rows)))
+    revisions = ", ".join(f"`{name}`" for name in sorted(split_by(rows, "revision")))
+    return _CARD.format(title=title, command=command, scenes="\n".join(scenes), variants=variants, revisions=revisions)
 
 
-def headline(rows: Sequence[Mapping[str, Any]]) -> tuple[str, float] | None:
+def headline(rows: Rows) -> tuple[str, float] | None:
     """The variant that a comparison is about, and its area under the curve as a share of the best known [%].
 
     That is a policy of the user's own where there is one, else the default one; None where no oracle has run. Of
@@ -129,11 +124,8 @@ def headline(rows: Sequence[Mapping[str, Any]]) -> tuple[str, float] | None:
     if not own:
         return None
     name = variant(own[0])
-    per_scene: dict[str, list[float]] = {}
-    for row in own:
-        if variant(row) == name:
-            per_scene.setdefault(row["scene"], []).append(row["share_of_best_auc"])
-    return name, float(np.mean([np.mean(values) for values in per_scene.values()]))
+    per_scene = split_by([row for row in own if variant(row) == name], "scene")
+    return name, float(np.mean([numbers(here, "share_of_best_auc").mean() for here in per_scene.values()]))
 
 
 def badge_svg(label: str, value: str) -> str:

@@ -19,7 +19,7 @@ from anm_mj.utils.files import atomic_write
 
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     """A row per run and budget, in the order of the results; every row has every column."""
-    results = [cut for result in results for cut in result.at_budgets()]
+    results = [cut for result in results for cut in result.cuts]
     known = best_known(results)
     rows = []
     for result in results:
@@ -27,14 +27,14 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
         best = known.get(situation(result), {})
         stage_hz = metrics.pop("stage_hz", None) or {}
         row = {
-            "scene": job["scene_name"],
-            "scene_hash": job["scene_hash"],
-            "policy": job["policy"],
-            "start": job["start"],
-            "seed": job["seed"],
+            "scene": job.scene_name,
+            "scene_hash": job.scene_hash,
+            "policy": job.policy,
+            "start": job.start,
+            "seed": job.seed,
             "revision": result.revision,
-            **result.conditions,
-            "settings": " ".join(job["settings"]),
+            **job.conditions,
+            "settings": " ".join(job.settings),
             "run": result.folder.name,
             "budget": result.budget,
             "budget_by": result.budget_by,

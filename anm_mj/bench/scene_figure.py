@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from anm_mj.bench.line_styles import legend_name, style
-from anm_mj.bench.run_result import OBSERVABLE, Result, of_all_starts
+from anm_mj.bench.run_result import OBSERVABLE, Result, drawn_variants
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
@@ -20,18 +20,12 @@ WALL, UNREACHED, FLOOR = 0.25, 0.85, 1.0
 
 def median_run(runs: Sequence[Result]) -> Result:
     """The run whose area under the curve is the median; of an even number the worse of the two in the middle."""
-    ordered = sorted(runs, key=lambda run: (run.area_under_curve(OBSERVABLE), run.job["start"], run.job["seed"]))
+    ordered = sorted(runs, key=lambda run: (run.area_under_curve(OBSERVABLE), run.job.start, run.job.seed))
     return ordered[(len(ordered) - 1) // 2]
 
 
-def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
+def draw_scene(path: Path, scene: Scene, results: Sequence[Result]) -> list[Path]:
     """Draw the plan of a scene with the trajectory of the median run of each variant that ran from all starts.
-
-    Args:
-        path: The file; its ending is replaced by each kind.
-        scene: The scene.
-        results: Its runs.
-        kinds: ``png``, ``pdf``, ``svg``.
 
     Returns:
         The files.
@@ -40,7 +34,7 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
         OSError: A file cannot be written.
         RunFolderError: The log of a run is damaged.
     """
-    results, left_out = of_all_starts(results)
+    variants, left_out = drawn_variants(results)
     area = scene_area(scene, DEFAULT_FOOTPRINT)
     shade = np.where(area.component == 1, FLOOR, np.where(area.clearance_m > 0.0, UNREACHED, WALL))
     low = area.grid.origin_xy_m
@@ -52,9 +46,8 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
         shade, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap="gray", vmin=0.0, vmax=1.0,
         interpolation="nearest",
     )  # fmt: skip
-    for k, name in enumerate(dict.fromkeys(result.variant for result in results)):
-        run = median_run([result for result in results if result.variant == name])
-        xy_m = run.trajectory_xy_m()
+    for k, (name, runs) in enumerate(variants.items()):
+        xy_m = median_run(runs).trajectory_xy_m()
         axes.plot(
             *xy_m.T, lw=1.3, markevery=0.25, ms=4, mec="white", mew=0.5, label=legend_name(name), alpha=0.9, **style(k)
         )
@@ -63,4 +56,4 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
     fewer = f"\nleft out for having fewer runs: {left_out}" if left_out else ""
     axes.set_title(f"{plain(scene.name)}: the run of median AUC of each policy (ring: its start){fewer}", fontsize=9)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
-    return save_figure(figure, path, kinds)
+    return save_figure(figure, path, (PICTURE,))

@@ -19,6 +19,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, stdtrit
 
+from anm_mj.bench.job import PLATFORM
+
 NUM_RESAMPLES = 10_000
 LEVEL = 0.95
 """Confidence of the intervals."""
@@ -26,8 +28,6 @@ LEAST_SCENES = 6
 """With fewer scenes there is no interval: all resamples lie between the least and the largest value."""
 TASK = ("scene", "start", "seed", "budget")
 """Columns in which two runs agree that are compared."""
-PLATFORM = ("robot", "drive", "pose", "sensor")
-"""Columns in which they also agree where two policies are compared."""
 
 
 @dataclass(frozen=True)

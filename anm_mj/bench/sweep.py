@@ -41,19 +41,16 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from anm_mj.bench.generated_scene import GeneratedScene, area_budget, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
-from anm_mj.bench.job import Job
+from anm_mj.bench.job import CONDITIONS, Job
 from anm_mj.errors import AnmError
 from anm_mj.evaluation.oracle.tour_measure import MEASURES
-from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import needs_truth
-from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.robot.robot_presets import robot_path
-from anm_mj.scene.budget import default_steps
-from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.folder import Scene, default_steps, load_scene
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml
@@ -65,7 +62,7 @@ class BenchError(AnmError):
 
 @dataclass(frozen=True)
 class Sweep:
-    """Scenes times policies times starts times seeds."""
+    """Scenes times policies times starts times seeds, and the rest of a run's configuration."""
 
     scenes: list[str]
     """Names from the catalogue, or paths of scene folders, relative to the file."""
@@ -80,20 +77,20 @@ class Sweep:
     budget: str = "rooms"
     """``rooms``: the scene's own, which depends on its number of rooms as in the paper; ``area``: by its floor;
     ``both``: the longer of the area's and the paper's, and the tables have each run cut at both."""
-    preset: str = "default"
+    preset: str = CONDITIONS["preset"]
     """Of the map, as ``anm-mj explore --preset`` has it."""
-    sensor: tuple[str, ...] = ("exact",)
+    sensor: tuple[str, ...] = (CONDITIONS["sensor"],)
     """Names of the sensors whose errors are simulated; one or a list of them."""
-    robot: tuple[str, ...] = (DEFAULT_ROBOT,)
+    robot: tuple[str, ...] = (CONDITIONS["robot"],)
     """Names of builtin robots, or MJCF files, relative to the file; one or a list of them."""
-    drive: tuple[str, ...] = ("kinematic",)
+    drive: tuple[str, ...] = (CONDITIONS["drive"],)
     """``kinematic``, ``physics``, or a list of both."""
-    pose: tuple[str, ...] = ("true",)
+    pose: tuple[str, ...] = (CONDITIONS["pose"],)
     """``true``, ``odometry``, or a list of both."""
-    goal: tuple[str, ...] = (DEFAULT_GOAL,)
+    goal: tuple[str, ...] = (CONDITIONS["goal"],)
     """What the runs are for: ``coverage``, ``reconstruction``, ``both`` in this order, or a list of these."""
     views: bool = True
-    """Whether finished maps are judged by held-out and by 200 fixed views: as long as a short run takes."""
+    """Whether finished maps are judged by novel and by 200 fixed views: as long as a short run takes."""
     maps: bool = True
     """Whether a map is trained for policies that ask it nothing, too; without, they take half the time and their rows
     have no mesh."""
@@ -101,24 +98,9 @@ class Sweep:
     """Settings as for ``anm-mj explore --set``, for all runs."""
 
 
-_TEXTS = (str, list)
-FIELDS: dict[str, type | tuple[type, ...]] = {
-    "scenes": list,
-    "policies": list,
-    "starts": int,
-    "seeds": list,
-    "steps": int,
-    "budget": str,
-    "preset": str,
-    "sensor": _TEXTS,
-    "robot": _TEXTS,
-    "drive": _TEXTS,
-    "pose": _TEXTS,
-    "goal": _TEXTS,
-    "views": bool,
-    "maps": bool,
-    "settings": list,
-}
+AXES = ("robot", "drive", "pose", "sensor", "goal")
+"""Conditions that a sweep varies; one value may stand without a list."""
+TYPES = get_type_hints(Sweep)
 """Keys of a sweep and their types."""
 BUDGETS = ("rooms", "area", "both")
 MAX_RUNS = limit("ANM_MJ_MAX_RUNS", 10_000)
@@ -142,11 +124,8 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
     jobs: dict[str, Job] = {}
     scenes: dict[str, Scene] = {}
     sweeps, provided = read_sweeps(path)
-    num_runs = sum(
-        len(each.scenes) * len(each.policies) * max(each.starts, 1) * len(each.seeds) * len(each.robot)
-        * len(each.drive) * len(each.pose) * len(each.sensor) * len(each.goal)
-        for each in sweeps
-    )  # fmt: skip
+    lists = ("scenes", "policies", "seeds", *AXES)
+    num_runs = sum(max(each.starts, 1) * math.prod(len(getattr(each, key)) for key in lists) for each in sweeps)
     if num_runs > MAX_RUNS:
         raise BenchError(f"{path} asks for {num_runs} runs, but they end at {MAX_RUNS}; set ANM_MJ_MAX_RUNS for more.")
     for sweep in sweeps:
@@ -204,16 +183,14 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
     except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
     provided: dict[str, GeneratedScene | ImportedScene] = {}
-    try:
-        provided |= {scene.name: scene for scene in convert(content.pop("generated", []), list[GeneratedScene])}
-    except ValueError as err:
-        raise BenchError(f"{path}: generated{err}; give name, rooms and seed of each scene.") from err
-    try:
-        provided |= {scene.name: scene for scene in convert(content.pop("imported", []), list[ImportedScene])}
-    except ValueError as err:
-        raise BenchError(
-            f"{path}: imported{err}; give name, repository, commit, file and licence of each scene."
-        ) from err
+    for key, kind, needed in (
+        ("generated", GeneratedScene, "name, rooms and seed"),
+        ("imported", ImportedScene, "name, repository, commit, file and licence"),
+    ):
+        try:
+            provided |= {scene.name: scene for scene in convert(content.pop(key, []), list[kind])}
+        except ValueError as err:
+            raise BenchError(f"{path}: {key}{err}; give {needed} of each scene.") from err
     common = {key: value for key, value in content.items() if key != "sweep"}
     sweeps = content.get("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(sweep, dict) for sweep in sweeps):
@@ -224,36 +201,27 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
 
 
 def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
-    for key, value in entries.items():
-        if key not in FIELDS:
-            raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(FIELDS)}.")
-        wanted = FIELDS[key]
-        # Of Python, not of the file, True is a whole number.
-        if not isinstance(value, wanted) or (wanted is int and type(value) is bool):
-            names = " or ".join(one.__name__ for one in (wanted if isinstance(wanted, tuple) else (wanted,)))
-            raise BenchError(f"{path}: {key} is {value!r}; it must be of type {names}.")
-        if wanted_texts(key) and not all(isinstance(text, str) for text in value):
-            raise BenchError(f"{path}: {key} is {value!r}; it must hold texts only.")
-        if key == "seeds" and not all(type(seed) is int for seed in value):
-            raise BenchError(f"{path}: seeds is {value!r}; it must hold whole numbers only.")
     for needed in ("scenes", "policies"):
         if not entries.get(needed):
             raise BenchError(f"{path}: {needed} is missing; name at least one.")
-    lists = {key: tuple(entries[key]) for key in ("seeds", "settings") if key in entries}
-    texts = {
-        key: (entries[key],) if isinstance(entries[key], str) else tuple(entries[key])
-        for key, wanted in FIELDS.items()
-        if wanted == _TEXTS and key in entries
-    }
-    empty = [key for key, value in {**lists, **texts}.items() if not value and key != "settings"]
-    if empty:
-        raise BenchError(f"{path}: {empty[0]} is empty; name at least one, or leave it out.")
-    return Sweep(**{**entries, **lists, **texts})
+    return Sweep(**{key: _entry(path, key, value) for key, value in entries.items()})
 
 
-def wanted_texts(key: str) -> bool:
-    """Whether a key holds texts."""
-    return key in ("scenes", "policies", "settings") or FIELDS[key] == _TEXTS
+def _entry(path: Path, key: str, value: Any) -> Any:
+    """The value of a key of a sweep.
+
+    Raises:
+        BenchError: There is no such key, or it has another type.
+    """
+    if key not in TYPES:
+        raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(TYPES)}.")
+    try:
+        found = convert([value] if key in AXES and isinstance(value, str) else value, TYPES[key])
+    except ValueError as err:
+        raise BenchError(f"{path}: {key} is {value!r}, not of its type ({str(err).lower()}).") from err
+    if found == () and key != "settings":
+        raise BenchError(f"{path}: {key} is empty; name at least one, or leave it out.")
+    return found
 
 
 def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
@@ -262,6 +230,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             f"starts is {sweep.starts}, but scene {scene.name} names {len(scene.starts)} start poses; give 1 to that."
         )
     steps, cuts = _budget(sweep, scene)
+    shared = {key: getattr(sweep, key) for key in ("preset", "views", "maps", "settings")}
     jobs = [
         Job(
             scene=where,
@@ -273,21 +242,12 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             seed=seed,
             steps=steps,
             cuts=cuts,
-            preset=sweep.preset,
-            sensor=sensor,
-            robot=robot,
-            drive=drive,
-            pose=source,
-            goal=goal,
-            views=sweep.views,
-            maps=sweep.maps,
-            settings=sweep.settings,
+            **shared,
+            **dict(zip(AXES, values, strict=True)),
         )
         for start, pose in enumerate(scene.starts[: sweep.starts])
         for policy in sweep.policies
-        for robot, drive, source, sensor, goal in itertools.product(
-            sweep.robot, sweep.drive, sweep.pose, sweep.sensor, sweep.goal
-        )
+        for values in itertools.product(*(getattr(sweep, axis) for axis in AXES))
         for seed in sweep.seeds
     ]
     return [one for job in jobs for one in (_tours(job) if needs_truth(job.policy) else [job])]

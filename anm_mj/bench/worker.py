@@ -17,6 +17,7 @@ from pathlib import Path
 from anm_mj.bench.job import Job
 from anm_mj.errors import AnmError
 from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.utils.read_file import convert
 
 EXPLORE = "anm_mj.bench.worker:explore"
 """Default function that makes a run."""
@@ -72,7 +73,7 @@ def explore(job: Job, folder: Path) -> None:
 def main(function: str) -> int:
     """Read a job from the standard input, execute it, and return the exit status."""
     line = json.loads(sys.stdin.readline())
-    job = Job.from_facts(line["job"])
+    job = convert(line["job"], Job)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, name = function.partition(":")
     try:

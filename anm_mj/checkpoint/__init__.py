@@ -8,8 +8,8 @@ of the classes that :mod:`anm_mj.checkpoint.known_classes` allows.
 New state takes part by itself, because every attribute of every object is stored. A class says what is different:
 
 ``REBUILT``
-    Names of attributes that a checkpoint leaves out, because the constructor makes them anew: models, renderers,
+    Names of attributes that a checkpoint leaves out, because the constructor makes them again: models, renderers,
     caches.
-``checkpoint_state(self)`` and ``restore_state(self, state)``
+``get_state(self)`` and ``set_state(self, state)``
     Further state as plain data, for what lies in attributes that are left out.
 """

@@ -7,6 +7,7 @@ everything before. Files are written beside their final name, forced to the disk
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -20,7 +21,7 @@ from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.encode import Graph
 from anm_mj.errors import CheckpointError
-from anm_mj.utils.files import beside, removed_on_error
+from anm_mj.utils.files import removed_on_error
 from anm_mj.utils.read_file import convert, open_regular, parse_json
 
 MAGIC = b"anm-mj checkpoint 1\n"
@@ -51,13 +52,8 @@ class _Header(Struct):
     nodes: Annotated[list[list[Any]], Meta(min_length=1)]
 
 
-def draft_checkpoint(path: Path, step: int, facts: dict[str, Any], graph: Graph) -> Path:
-    """Write the content of a checkpoint beside its name; it is none before :func:`complete_checkpoint`.
-
-    The state may change as soon as this returns.
-
-    Returns:
-        The draft.
+def write_draft(draft: Path, step: int, facts: dict[str, Any], graph: Graph) -> None:
+    """Write the content of a checkpoint, without its hash; the state may change as soon as this returns.
 
     Raises:
         OSError: The file cannot be written; nothing is left of it.
@@ -65,14 +61,12 @@ def draft_checkpoint(path: Path, step: int, facts: dict[str, Any], graph: Graph)
     sizes = [array.nbytes for array in graph.arrays]
     header = {"step": step, "facts": facts, "sizes": sizes, "nodes": graph.nodes}
     text = json.dumps(header, separators=(",", ":")).encode()
-    draft = beside(path)
     with removed_on_error(draft), draft.open("wb") as file:
         for part in (MAGIC, struct.pack("<Q", len(text)), text, *(array.data for array in graph.arrays)):
             file.write(part)
-    return draft
 
 
-def complete_checkpoint(draft: Path, path: Path) -> int:
+def complete_draft(draft: Path, path: Path) -> int:
     """Add the hash of a draft, force it to the disk and give it its name.
 
     Returns:
@@ -86,24 +80,24 @@ def complete_checkpoint(draft: Path, path: Path) -> int:
             digest = hashlib.file_digest(file, "sha256")
             file.seek(0, os.SEEK_END)
             file.write(digest.digest())
-            file.flush()
-            os.fsync(file.fileno())
             size = file.tell()
+        sync(draft)
         draft.replace(path)
-    sync_folder(path.parent)
+    # Not every system can do this with a folder.
+    with contextlib.suppress(OSError):
+        sync(path.parent)
     return size
 
 
-def sync_folder(path: Path) -> None:
-    """Force the names in a folder to the disk, where the system can."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except OSError:
-        return
+def sync(path: Path) -> None:
+    """Force a file, or the names in a folder, to the disk.
+
+    Raises:
+        OSError: The system cannot.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
-    except OSError:
-        pass
     finally:
         os.close(descriptor)
 

@@ -1,4 +1,4 @@
-"""Lays a stored state over objects that were made anew.
+"""Lays a stored state over newly made objects.
 
 An object that has its place in a newly made run, found by the attributes that lead to it, is filled in place, so that
 whoever holds it sees the stored state. All others are made without their constructors. Nothing is changed before the
@@ -80,8 +80,8 @@ class _Decoder:
         for fill in self._unfinished:
             fill()
         for index, node in enumerate(self._nodes):
-            if node[0] == "object" and hasattr(self._made[index], "restore_state"):
-                self._made[index].restore_state(self._value(node[4]))
+            if node[0] == "object" and hasattr(self._made[index], "set_state"):
+                self._made[index].set_state(self._value(node[4]))
         return found
 
     def _value(self, value: Any) -> Any:
@@ -163,12 +163,9 @@ class _Decoder:
 
     def _method(self, owner: Any, name: str) -> Any:
         function = next((vars(base)[name] for base in type(owner).__mro__ if name in vars(base)), None)
-        if not callable(function) or name.startswith("__") or not self._is_ours(type(owner)):
+        if not callable(function) or name.startswith("__") or not self._known.allows(type(owner).__module__):
             raise CheckpointError(f"It names the method {name!r} of {name_of(type(owner))}, which there is not.")
         return getattr(owner, name)
-
-    def _is_ours(self, cls: type) -> bool:
-        return self._known.allows(cls.__module__)
 
     def _array(self, kind: str, node: list[Any]) -> np.ndarray:
         dtype, shape, writeable = _dtype(node[-3]), tuple(node[-2]), node[-1]
@@ -203,7 +200,7 @@ class _Decoder:
                 self._in_place[id(fresh)] = index
                 return fresh
         cls: Any = self._known.find_class(name)
-        if rebuilt_names(cls) or hasattr(cls, "restore_state"):
+        if rebuilt_names(cls) or hasattr(cls, "set_state"):
             raise CheckpointError(f"It holds a {name} at {path} that a new run does not have.")
         return cls.__new__(cls)
 
@@ -232,20 +229,15 @@ class _Decoder:
 def _is_frozen(cls: type) -> bool:
     """Whether objects of a class are values, all of which a checkpoint holds."""
     parameters = getattr(cls, "__dataclass_params__", None)
-    return bool(parameters and parameters.frozen) and not rebuilt_names(cls) and not hasattr(cls, "restore_state")
+    return bool(parameters and parameters.frozen) and not rebuilt_names(cls) and not hasattr(cls, "set_state")
 
 
 def _dtype(text: Any) -> np.dtype:
     """A data type without objects."""
-    described = text if isinstance(text, str) else [_field(part) for part in text]
-    dtype = np.dtype(described)
+    dtype = np.dtype(text if isinstance(text, str) else [(*part[:2], *map(tuple, part[2:])) for part in text])
     if dtype.hasobject:
         raise CheckpointError("It holds an array of objects.")
     return dtype
-
-
-def _field(part: list[Any]) -> tuple[Any, ...]:
-    return (part[0], part[1]) if len(part) == 2 else (part[0], part[1], tuple(part[2]))
 
 
 def _generator(state: dict[str, Any]) -> np.random.Generator:

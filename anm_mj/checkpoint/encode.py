@@ -8,6 +8,7 @@ Arrays that share memory stay views of the same memory.
 from __future__ import annotations
 
 import base64
+import enum
 import types
 from collections import Counter, OrderedDict, defaultdict, deque
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, is_enum, name_of
+from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, name_of
 from anm_mj.errors import CheckpointError
 
 MAX_INLINE_BYTES = 256
@@ -115,7 +116,7 @@ class _Encoder:
             return ["method", self._value(thing.__self__, where), thing.__func__.__name__]
         if kind is slice:
             return ["slice", *(self._value(part, where) for part in (thing.start, thing.stop, thing.step))]
-        if is_enum(thing):
+        if isinstance(thing, enum.Enum):
             self._require(kind.__module__, thing, where)
             return ["enum", name_of(kind), thing.name]
         return self._object(thing, where, path)
@@ -126,7 +127,7 @@ class _Encoder:
 
     def _object(self, thing: Any, where: str, path: str | None) -> Any:
         kind = type(thing)
-        self._require(kind.__module__, thing, where, made_anew=path is None)
+        self._require(kind.__module__, thing, where, in_place=path is not None)
         if isinstance(thing, tuple):
             return ["namedtuple", name_of(kind), [self._value(item, f"{where}[]") for item in thing]]
         if isinstance(thing, (list, dict, set, frozenset, np.ndarray)):
@@ -136,8 +137,8 @@ class _Encoder:
             name: self._value(value, f"{where}.{name}", None if path is None else f"{path}.{name}")
             for name, value in attributes.items()
         }
-        extra = thing.checkpoint_state() if hasattr(thing, "checkpoint_state") else None
-        return ["object", name_of(kind), path, values, self._value(extra, f"{where}.checkpoint_state()")]
+        extra = thing.get_state() if hasattr(thing, "get_state") else None
+        return ["object", name_of(kind), path, values, self._value(extra, f"{where}.get_state()")]
 
     def _named(self, kind: str, thing: Any, where: str) -> Any:
         self._require(thing.__module__, thing, where)
@@ -145,9 +146,9 @@ class _Encoder:
             raise CheckpointError(f"{where} is the local function {thing.__qualname__}, which checkpoints do not hold.")
         return [kind, name_of(thing)]
 
-    def _require(self, module: str, thing: Any, where: str, *, made_anew: bool = True) -> None:
-        # What the run makes anew may be of any class of the package, such as the recorder's.
-        if self._known.allows(module) or (not made_anew and module.startswith("anm_mj.")):
+    def _require(self, module: str, thing: Any, where: str, *, in_place: bool = False) -> None:
+        # What the new run makes may be of any class of the package, such as the recorder's.
+        if self._known.allows(module) or (in_place and module.startswith("anm_mj.")):
             return
         raise CheckpointError(f"{where} is a {name_of(type(thing))}, which checkpoints do not hold.")
 
@@ -167,7 +168,7 @@ class _Encoder:
                 if id(owner) not in stored:
                     stored[id(owner)] = len(self._graph.arrays)
                     self._graph.arrays.append(_bytes_of(owner))
-                offset = array.__array_interface__["data"][0] - _lowest_address(owner)
+                offset = _address(array) - _address(owner)
                 node = ["view", stored[id(owner)], offset, list(array.strides)]
             else:
                 order = _axes_order(array)
@@ -189,7 +190,7 @@ def _owner(array: np.ndarray) -> np.ndarray:
     return owner if owner.flags.c_contiguous or owner.flags.f_contiguous else array
 
 
-def _lowest_address(array: np.ndarray) -> int:
+def _address(array: np.ndarray) -> int:
     return array.__array_interface__["data"][0]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import importlib
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +9,20 @@ from typing import Any
 from anm_mj.errors import CheckpointError
 
 _PACKAGE = __name__.partition(".")[0]
-_MAKEABLE = ("types", "planning", "mapping", "control", "robot", "geometry", "evaluation", "utils", "explore")
+_MAKEABLE = (
+    "types",
+    "planning",
+    "mapping",
+    "localisation",
+    "sensing",
+    "control",
+    "robot",
+    "geometry",
+    "ground_truth",
+    "evaluation",
+    "utils",
+    "loop_state",
+)
 """Parts of the package whose objects a checkpoint may make. They only compute: none of them writes files, opens
 connections or starts programs when it is made without its constructor."""
 
@@ -79,8 +91,3 @@ def attributes_of(thing: Any) -> dict[str, Any]:
             if name not in ("__dict__", "__weakref__") and hasattr(thing, name):
                 found[name] = getattr(thing, name)
     return {name: value for name, value in found.items() if name not in left_out}
-
-
-def is_enum(value: object) -> bool:
-    """Whether a value is a member of an enumeration, which is stored by name."""
-    return isinstance(value, enum.Enum)

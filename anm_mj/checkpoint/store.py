@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import logging
 import math
-import os
 import shutil
 import threading
 import time
@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
-from anm_mj.checkpoint.checkpoint_file import StoredState, complete_checkpoint, draft_checkpoint, read_checkpoint
+from anm_mj.checkpoint.checkpoint_file import StoredState, complete_draft, read_checkpoint, sync, write_draft
 from anm_mj.checkpoint.encode import Graph, encode
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.errors import CheckpointError, RunFolderError
+from anm_mj.utils.files import beside
 from anm_mj.utils.read_file import read_text
 
 _logger = logging.getLogger(__name__)
@@ -47,7 +48,9 @@ class CheckpointStore:
         needed = graph.num_bytes + SPARE_BYTES
         if shutil.disk_usage(self.folder).free < needed:
             raise OSError(errno.ENOSPC, f"it needs {needed >> 20} MiB, more than the disk has free")
-        return draft_checkpoint(self._path(step), step, facts, graph)
+        draft = beside(self._path(step))
+        write_draft(draft, step, facts, graph)
+        return draft
 
     def complete(self, step: int, draft: Path) -> int:
         """Make a draft a checkpoint and remove all but the newest two; returns its size [bytes].
@@ -55,7 +58,7 @@ class CheckpointStore:
         Raises:
             OSError: It cannot be written.
         """
-        size = complete_checkpoint(draft, self._path(step))
+        size = complete_draft(draft, self._path(step))
         for path in self._newest_first()[NUM_KEPT:]:
             path.unlink(missing_ok=True)
         return size
@@ -92,7 +95,7 @@ class CheckpointStore:
         )
 
     def refuse(self, why: str) -> None:
-        """Note that the run has state that cannot be stored, so that who resumes it reads why."""
+        """Note why the state of the run cannot be stored, for the error of a later resume."""
         self.folder.mkdir(exist_ok=True)
         (self.folder / _REFUSED).write_text(why, encoding="utf-8")
 
@@ -100,10 +103,8 @@ class CheckpointStore:
         """Remove all checkpoints of a finished run."""
         for path in [*self.folder.glob(_PATTERN), *self.folder.glob(f".{_PATTERN}.*"), self.folder / _REFUSED]:
             path.unlink(missing_ok=True)
-        try:
+        with contextlib.suppress(OSError):
             self.folder.rmdir()
-        except OSError:
-            _logger.debug("%s was kept", self.folder)
 
     def _path(self, step: int) -> Path:
         return self.folder / f"{step:06d}.checkpoint"
@@ -170,7 +171,8 @@ class Checkpointer:
         if not self._enabled or step == self.last_step:
             return
         since = math.inf if self.last_step is None else step - self.last_step
-        if since >= self._config.every_steps and not self._is_writing and self._is_affordable(loop_s):
+        is_writing = self._thread is not None and self._thread.is_alive()
+        if since >= self._config.every_steps and not is_writing and self._is_affordable(loop_s):
             self._take(step)
 
     def finish(self, step: int, *, resumable: bool) -> None:
@@ -191,10 +193,6 @@ class Checkpointer:
         if self.last_step is None or self._config.loop_share == 1.0:
             return True
         return self.spent_s + last_s <= self._config.loop_share * loop_s
-
-    @property
-    def _is_writing(self) -> bool:
-        return self._thread is not None and self._thread.is_alive()
 
     def _wait(self) -> None:
         if self._thread is not None:
@@ -228,7 +226,7 @@ class Checkpointer:
         begin = time.thread_time()
         try:
             for path in files:
-                _force_to_disk(path)
+                sync(path)
             self.num_bytes = self._store.complete(step, draft)
         except OSError as err:
             self._lose(step, err)
@@ -248,11 +246,3 @@ class Checkpointer:
             err.strerror or err,
             self._store.folder.parent,
         )
-
-
-def _force_to_disk(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

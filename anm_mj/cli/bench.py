@@ -2,47 +2,42 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from anm_mj.cli.option_types import place
+from anm_mj.cli.command_line import Option
+from anm_mj.cli.option_types import Count, NewFolder
+from anm_mj.errors import ConfigError
 
 INCOMPLETE = 1
 """Exit status if some runs failed."""
 
 
-def add_bench(commands: Any) -> None:
-    """Add ``bench`` to the commands of the program."""
-    bench = commands.add_parser(
-        "bench",
-        help="compare policies over scenes, starts and seeds, and write tables",
-        epilog="The same command resumes an interrupted comparison.",
-    )
-    what = bench.add_mutually_exclusive_group(required=True)
-    what.add_argument(
-        "file", type=Path, nargs="?", metavar="FILE", help="a TOML file with scenes, policies, starts and seeds"
-    )
-    what.add_argument(
-        "--suite",
-        metavar="NAME",
-        help="a comparison of the package: smoke (minutes), tune, test (hours), large, open (scenes of others)",
-    )
-    bench.add_argument(
-        "--policy",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="compare this policy too, as module:Class your own; may be given several times",
-    )
-    bench.add_argument("--out", type=place, metavar="DIR", help="folder (default: bench/<name of FILE or suite>)")
-    bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs in parallel (default: 1)")
-    bench.add_argument("--executor", default="local", help="local (processes) or ray (a cluster) (default: local)")
-    bench.set_defaults(command=_bench)
+def bench(
+    file: Path | None = None,
+    *,
+    suite: Annotated[str | None, Option("NAME")] = None,
+    policy: Annotated[Sequence[str], Option("NAME")] = (),
+    out: NewFolder | None = None,
+    workers: Count = 1,
+    executor: str = "local",
+) -> int:
+    """Compare policies over scenes, starts and seeds, and write tables.
 
+    The same command resumes an interrupted comparison.
 
-def _bench(parsed: argparse.Namespace) -> int:
+    Args:
+        file: a TOML file with scenes, policies, starts and seeds
+        suite: a comparison of the package: smoke (minutes), tune, test (hours), large, open (scenes of others)
+        policy: compare this policy too, as module:Class your own; may be given several times
+        out: folder; by default bench/<name of FILE or suite>
+        workers: runs in parallel
+        executor: local (processes) or ray (a cluster)
+    """
+    if (file is None) == (suite is None):
+        raise ConfigError("anm-mj bench takes a FILE or a --suite; give one of the two.")
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from anm_mj.bench.comparison import run_bench
@@ -50,8 +45,8 @@ def _bench(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.console import PlainConsole
 
     console = PlainConsole()
-    file = suite_file(parsed.suite) if parsed.suite is not None else parsed.file
-    out = parsed.out or Path("bench") / file.stem
+    file = file or suite_file(suite or "")
+    out = out or Path("bench") / file.stem
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=None)
@@ -59,26 +54,23 @@ def _bench(parsed: argparse.Namespace) -> int:
         def show(done: int, total: int, last: str) -> None:
             progress.update(task, completed=done, total=total, description=last)
             if last and not console.is_terminal:
-                console.print(f"{done}/{total} {last}", highlight=False, soft_wrap=True)
+                console.say(f"{done}/{total} {last}")
 
-        bench = run_bench(
+        made = run_bench(
             file,
             out,
-            num_workers=parsed.workers,
-            executor=parsed.executor,
-            policies=parsed.policy,
-            one_revision=parsed.suite is not None,
+            num_workers=workers,
+            executor=executor,
+            policies=policy,
+            one_revision=suite is not None,
             command=["anm-mj", *sys.argv[1:]],
             on_run=show,
         )
-    errors = PlainConsole(stderr=True)
-    for failure in bench.failures:
-        errors.print(failure, style="red", highlight=False, soft_wrap=True)
-    left = f", {len(bench.failures)} failed; the same command tries them again" if bench.failures else ""
-    console.print(
-        f"{len(bench.jobs)} runs, {bench.skipped} of them from before{left}. "
-        f"Report: {out / 'report.html'}; tables: {out / 'table.md'}, {out / 'results.csv'}",
-        highlight=False,
-        soft_wrap=True,
+    for failure in made.failures:
+        PlainConsole(stderr=True).say(failure, style="red")
+    left = f", {len(made.failures)} failed; the same command tries them again" if made.failures else ""
+    console.say(
+        f"{len(made.jobs)} runs, {made.skipped} of them from before{left}. "
+        f"Report: {out / 'report.html'}; tables: {out / 'table.md'}, {out / 'results.csv'}"
     )
-    return INCOMPLETE if bench.failures else 0
+    return INCOMPLETE if made.failures else 0

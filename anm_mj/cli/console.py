@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
+
+UNUSABLE = 1
+"""Exit status of a check that found what it checked unusable."""
 
 
 class PlainConsole(Console):
@@ -17,6 +21,17 @@ class PlainConsole(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         """What is printed for a text, alone or in a cell of a table."""
         return super().render_str(printable(text), **options)
+
+    def say(self, *lines: str, style: str | None = None) -> None:
+        """Print lines as long as they are, so that they can be copied and stored."""
+        for line in lines:
+            self.print(line, style=style, highlight=False, soft_wrap=True)
+
+
+def say_problems(problems: Sequence[str]) -> int:
+    """Print why something that was checked cannot be used; the exit status, which is ``UNUSABLE`` then."""
+    PlainConsole(stderr=True).say(*(f"anm-mj: {problem}" for problem in problems), style="red")
+    return UNUSABLE if problems else 0
 
 
 def printable(text: str) -> str:

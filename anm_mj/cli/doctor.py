@@ -1,125 +1,56 @@
-"""``anm-mj doctor``: checks the machine and names the engine and the camera of a run.
-
-Checks that may crash (GL drivers, torch without its libraries) run in processes of their own.
-"""
+"""``anm-mj doctor``: what this machine has, as a table, or as Markdown for a bug report without folders of the user."""
 
 from __future__ import annotations
 
-import json
-import os
-import platform
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from enum import Enum
-from importlib import metadata
-from pathlib import Path
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console
 
-from anm_mj.errors import RenderError
-from anm_mj.io.manifest import cpu_model
-from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
-from anm_mj.utils.raycast import embree_installed
+    from anm_mj.cli.machine_checks import Check
 
-MIN_PYTHON = (3, 11)
-MIN_MEMORY_MIB = 3072
-"""A run of the default preset in a house needs less."""
-MIN_DISK_MIB = 1024
-"""A run folder of a thousand steps with its depth frames is smaller."""
-_TIMEOUT_S = 120.0
-
-TORCH_PROGRAM = """
-import json, torch
-cuda = torch.cuda.is_available()
-gpu = torch.cuda.get_device_properties(0) if cuda else None
-memory_gib = round(gpu.total_memory / 2**30) if cuda else 0
-print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda else "", memory_gib]))
-"""
-
-ENGINE_PROGRAM = """
-import json
-from anm_mj.mapping.backends.select import choose_engine
-from anm_mj.mapping.occupancy_native import native_fusion
-choice = choose_engine()
-name, device, outdated = choice.name, "cpu", False
-if name == "native":
-    from anm_mj.mapping.backends.native_backend import can_overlap, kernel_names
-    name, outdated = f"native ({kernel_names()[0]})", native_fusion() is None or not can_overlap()
-else:
-    from anm_mj.mapping.backends.tensor_backend import resolve_device
-    device = resolve_device("auto").type
-print(json.dumps([name, device, choice.reason, choice.instead_of, outdated]))
-"""
+_FOLDER = re.compile(r"(?<![\w:/])~?(?:/[^\s/:'\"()]+)+/(?=[^\s/:'\"()])")
+"""The folder of an absolute path; not the slashes of an address."""
+_LAST = re.compile(r"(?<![\w:/…])~?/[^\s/:'\"()]+")
+"""A path right below the root."""
 
 
-class State(Enum):
-    """Result of a check."""
+def doctor(*, report: bool = False) -> int:
+    """Check what this machine has, and what a run will use.
 
-    GOOD = "ok"
-    NOTE = "note"
-    """A run is possible, but something is missing or slower than necessary."""
-    BAD = "wrong"
-    """A run is impossible."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One check with its finding."""
-
-    name: str
-    state: State
-    found: str
-    advice: str = ""
-    """How to fix or improve it."""
-
-
-def main(show: Callable[[list[Check], Console], None] | None = None) -> int:
-    """Print the diagnosis; exit status 0 if a run is possible, else 1.
+    The exit status is 1 if a run is impossible.
 
     Args:
-        show: prints the checks; None = as a table.
+        report: for a bug report: Markdown, without your folders
     """
-    console = Console(markup=False)
+    from anm_mj.cli.console import UNUSABLE, PlainConsole
+    from anm_mj.cli.machine_checks import State, diagnose
+
+    console = PlainConsole()
     with console.status("Checking this machine"):
         checks = diagnose()
-    (show or render)(checks, console)
-    return 1 if any(check.state is State.BAD for check in checks) else 0
+    if report:
+        console.say(report_text(checks))
+    else:
+        print_checks(checks, console)
+    return UNUSABLE if any(check.state is State.BAD for check in checks) else 0
 
 
-def diagnose() -> list[Check]:
-    """Run all checks; takes some seconds."""
-    with ThreadPoolExecutor() as pool:
-        torch = pool.submit(check_torch)
-        engine = pool.submit(check_engine)
-        backends = [pool.submit(check_backend, name) for name in ("egl", "osmesa")]
-        return [
-            check_python(),
-            check_mujoco(),
-            *torch.result(),
-            engine.result(),
-            *_graphics([backend.result() for backend in backends]),
-            check_ffmpeg(),
-            check_port(),
-            check_memory(available_memory_mib()),
-            check_disk(Path.cwd()),
-        ]
-
-
-def render(checks: list[Check], console: Console) -> None:
+def print_checks(checks: Sequence[Check], console: Console) -> None:
     """Print the checks as a table, then the engine and camera of a run, or the checks to fix first."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from anm_mj.cli.machine_checks import State
+
     styles = {State.GOOD: "green", State.NOTE: "yellow", State.BAD: "red"}
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     for check in checks:
         advice = f"\n{check.advice}" if check.advice else ""
-        state = Text(check.state.value, styles[check.state])
         # As Text: error messages may contain rich markup.
-        table.add_row(state, check.name, Text(f"{check.found}{advice}"))
+        table.add_row(Text(check.state.value, styles[check.state]), check.name, Text(f"{check.found}{advice}"))
     console.print(table)
     wrong = [check.name for check in checks if check.state is State.BAD]
     if wrong:
@@ -129,146 +60,36 @@ def render(checks: list[Check], console: Console) -> None:
         console.print(f"\nA run will use: {used['map engine']}; pictures by {used['pictures by']}.", style="bold")
 
 
-def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
-    """The interpreter's version and the machine."""
-    found = f"{platform.python_version()}, {platform.system()} on {cpu_model()}, {os.cpu_count()} cores"
-    if version >= MIN_PYTHON:
-        return Check("Python", State.GOOD, found)
-    return Check("Python", State.BAD, found, "Install Python 3.11 or newer and run make setup again.")
+def report_text(checks: Sequence[Check]) -> str:
+    """The checks, and the versions of the packages that the program stands on, as Markdown."""
+    import platform
+
+    from anm_mj.cli.version import version
+
+    rows = (f"| {check.name} | {check.state.value} | {_cell(f'{check.found} {check.advice}')} |" for check in checks)
+    packages = ", ".join(f"{name} {found}" for name, found in _packages())
+    head = f"anm-mj {version()}, {platform.platform()}"
+    return "\n".join([head, "", "| check | state | found |", "|---|---|---|", *rows, "", f"Packages: {packages}"])
 
 
-def check_mujoco() -> Check:
-    """The simulator's version."""
-    try:
-        return Check("mujoco", State.GOOD, metadata.version("mujoco"))
-    except metadata.PackageNotFoundError:
-        return Check("mujoco", State.BAD, "not installed", "Run make setup, or pip install mujoco.")
+def without_folders(text: str) -> str:
+    """A text in which every absolute path is cut down to its last part."""
+    return _LAST.sub(lambda match: "…" + match[0][match[0].rindex("/") :], _FOLDER.sub("…/", text))
 
 
-def check_torch() -> list[Check]:
-    """Torch and its GPU."""
-    done = run_python(TORCH_PROGRAM)
-    if done.returncode != 0:
-        return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or pip install torch anew.")]
-    version, num_threads, gpu, memory_gib = json.loads(done.stdout)
-    torch = Check("torch", State.GOOD, f"{version}, {num_threads} threads")
-    if gpu:
-        advice = "The map is trained on the CPU; --set mapping.engine=triton tries the GPU engine, which is unmeasured."
-        return [torch, Check("CUDA", State.GOOD, f"{gpu}, {memory_gib} GiB", advice)]
-    return [torch, Check("CUDA", State.GOOD, "no GPU that torch can use; none is needed")]
+def _cell(text: str) -> str:
+    return without_folders(" ".join(text.split())).replace("|", "\\|")
 
 
-def check_engine() -> Check:
-    """The engine that trains the map, its device, and the reason for the choice."""
-    done = run_python(ENGINE_PROGRAM)
-    if done.returncode != 0:
-        advice = "Run make setup, or explore with --set mapping.engine=torch."
-        return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
-    name, device, reason, instead_of, outdated = json.loads(done.stdout)
-    found = f"{name} on the {'GPU' if device == 'cuda' else 'CPU'}"
-    if instead_of is not None:
-        return Check("map engine", State.NOTE, f"{found}, slower than {instead_of} would be", f"Why: {reason}.")
-    if outdated:
-        found = f"{found}, but built from an older source, without what makes it quicker now"
-        return Check("map engine", State.NOTE, found, "Run make setup, which builds it again.")
-    return Check("map engine", State.GOOD, f"{found}, {reason}")
+def _packages() -> list[tuple[str, str]]:
+    """Names and versions of the package's own dependencies, of the extras those that are installed."""
+    from importlib import metadata
 
-
-def check_backend(name: str) -> Check:
-    """One GL back-end, tested by rendering an image."""
-    try:
-        return Check(f"GL {name}", State.GOOD, probe(name))
-    except ProbeError as err:
-        # The cache may still contain an earlier success.
-        forget_backend(name)
-        return Check(f"GL {name}", State.NOTE, f"does not work: {err}")
-
-
-def _graphics(backends: list[Check]) -> list[Check]:
-    """The back-ends, and the camera of a run."""
-    try:
-        chosen = select_backend()
-    except RenderError as err:
-        return [*backends, Check("pictures by", State.BAD, "nothing", str(err))]
-    if chosen.name == "off":
-        advice = "Install what is missing above." if chosen.attempts else "MUJOCO_GL turns GL off: unset it."
-        if embree_installed():
-            return [*backends, Check("pictures by", State.NOTE, "Embree's rays, without GL", advice)]
-        found = "MuJoCo's rays, tenths of a second each, one colour per mesh"
-        return [*backends, Check("pictures by", State.NOTE, found, f"{advice} Or pip install 'anm-mj[embree]'.")]
-    # llvmpipe and softpipe are Mesa's renderers for machines without a GPU.
-    software = "pipe" in chosen.renderer_string
-    kind = "software, fast enough for 256 x 256 pixels" if software else "hardware"
-    return [*backends, Check("pictures by", State.GOOD, f"{chosen.name} ({kind})")]
-
-
-def check_ffmpeg() -> Check:
-    """The program that writes videos; a Python package contains it."""
-    try:
-        import imageio_ffmpeg
-
-        return Check("ffmpeg", State.GOOD, imageio_ffmpeg.get_ffmpeg_version())
-    except (ImportError, RuntimeError, OSError) as err:
-        return Check("ffmpeg", State.NOTE, f"not found ({err})", "Videos need it: pip install imageio-ffmpeg.")
-
-
-def check_port() -> Check:
-    """The port of the live view."""
-    try:
-        from anm_mj.viz.page_server import PageServer
-
-        server = PageServer()
-    except (ImportError, RenderError) as err:
-        return Check("live view", State.NOTE, f"not possible: {err}")
-    url = server.url
-    server.close()
-    return Check("live view", State.GOOD, f"free at {url} (this machine only)")
-
-
-def check_memory(available_mib: int | None) -> Check:
-    """Available memory [MiB]; None if unknown."""
-    if available_mib is None:
-        return Check("memory", State.NOTE, "unknown")
-    found = f"{available_mib / 1024:.1f} GiB available"
-    if available_mib >= MIN_MEMORY_MIB:
-        return Check("memory", State.GOOD, found)
-    return Check("memory", State.NOTE, found, "A long run may need 3 GiB: close other programs or take --preset quick.")
-
-
-def available_memory_mib() -> int | None:
-    """Available memory [MiB]; None if the system does not tell."""
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-    except OSError:
-        return None
-    return next((int(line.split()[1]) // 1024 for line in lines if line.startswith("MemAvailable:")), None)
-
-
-def check_disk(folder: Path) -> Check:
-    """Free disk space for run folders."""
-    free_mib = shutil.disk_usage(folder).free // 2**20
-    found = f"{free_mib / 1024:.1f} GiB free in {folder}"
-    if free_mib >= MIN_DISK_MIB:
-        return Check("disk", State.GOOD, found)
-    return Check("disk", State.NOTE, found, "A long run may need 1 GiB: free some, or choose another disk with --out.")
-
-
-def run_python(program: str) -> subprocess.CompletedProcess[str]:
-    """Run a program in a Python process of its own."""
-    command = [sys.executable, "-c", program]
-    try:
-        return subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            timeout=_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return subprocess.CompletedProcess(command, 1, "", f"no answer within {_TIMEOUT_S:.0f} s")
-
-
-def _last_line(text: str) -> str:
-    """The last line of an error message."""
-    lines = text.strip().splitlines()
-    return lines[-1].strip() if lines else "no message"
+    found = {}
+    for requirement in metadata.requires("anm-mj") or []:
+        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return sorted(found.items())

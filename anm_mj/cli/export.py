@@ -2,78 +2,67 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
-from anm_mj.cli.option_types import place
-from anm_mj.export.formats import FORMATS
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from anm_mj.cli.command_line import Option
+from anm_mj.cli.option_types import Count, NewFile, NewFolder
+from anm_mj.errors import ConfigError
 
 
-def add_export(commands: Any) -> None:
-    """Add ``export`` to the commands of the program."""
-    export = commands.add_parser("export", help="write a finished run as a film, or for other tools")
-    export.add_argument("run", type=Path, metavar="RUN", help="a run folder")
-    export.add_argument(
-        "--format",
-        action="append",
-        default=[],
-        dest="formats",
-        metavar="NAME",
-        help="; ".join(f"{name}: {entry.words}" for name, entry in FORMATS.items()) + "; all. May be repeated",
-    )
-    export.add_argument("--out", type=place, metavar="DIR", help="folder of --format (default: RUN/export)")
-    export.add_argument("--video", type=Path, metavar="FILE", help="a film, film.mp4 or film.gif")
-    export.add_argument("--fps", type=float, default=15.0, help="steps per second of the film (default: 15)")
-    export.add_argument("--every", type=int, default=1, metavar="N", help="show every Nth step only (default: 1)")
-    export.add_argument(
-        "--scene", metavar="SCENE", help="name or folder of the run's scene, if it kept no images and has moved"
-    )
-    export.set_defaults(command=_export)
+def _formats() -> Iterator[str]:
+    from anm_mj.export.formats import FORMATS
+
+    yield from (f"{name} ({entry.words})" for name, entry in FORMATS.items())
+    yield "all"
 
 
-def _export(parsed: argparse.Namespace) -> int:
+def export(
+    run: Path,
+    *,
+    formats: Annotated[Sequence[str], Option("--format NAME", names=_formats)] = (),
+    out: NewFolder | None = None,
+    video: NewFile | None = None,
+    fps: float = 15.0,
+    every: Count = 1,
+    scene: str | None = None,
+) -> int:
+    """Write a finished run as a film, or for other tools.
+
+    Args:
+        run: a run folder
+        formats: for other tools; may be repeated
+        out: folder of --format; by default RUN/export
+        video: a film, film.mp4 or film.gif
+        fps: steps per second of the film
+        every: show every Nth step only
+        scene: name or folder of the run's scene, if it kept no images and has moved
+    """
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
-    from anm_mj.config import ConfigError
 
-    if parsed.video is None and not parsed.formats:
+    if video is None and not formats:
         raise ConfigError("Nothing to export; name a film by --video film.mp4, or a format, as in --format glb.")
     console = PlainConsole()
-    if parsed.formats:
+    if formats:
         from anm_mj.export.formats import export_run
 
         with progress_bar(console, "export") as on_progress:
-            written = export_run(
-                parsed.run, parsed.formats, parsed.out, lambda name, done, total: on_progress(done, total)
-            )
-        for path in written:
-            _say(console, path)
-    if parsed.video is not None:
+            written = export_run(run, formats, out, lambda name, done, total: on_progress(done, total))
+        console.say(*map(_written, written))
+    if video is not None:
         from anm_mj.replay.film import write_film
         from anm_mj.replay.timeline import read_timeline
 
         with progress_bar(console, "film") as on_progress:
-            write_film(
-                read_timeline(parsed.run),
-                parsed.video,
-                fps=parsed.fps,
-                every=parsed.every,
-                scene=parsed.scene,
-                on_progress=on_progress,
-            )
-        _say(console, parsed.video)
+            write_film(read_timeline(run), video, fps=fps, every=every, scene=scene, on_progress=on_progress)
+        console.say(_written(video))
     return 0
 
 
-def _say(console: Console, path: Path) -> None:
-    size = (
-        path.stat().st_size
-        if path.is_file()
-        else sum(each.stat().st_size for each in path.rglob("*") if each.is_file())
-    )
+def _written(path: Path) -> str:
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    size = sum(file.stat().st_size for file in files)
     amount = f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
-    console.print(f"Wrote {path} ({amount}).", highlight=False, soft_wrap=True)
+    return f"Wrote {path} ({amount})."

@@ -1,32 +1,33 @@
-"""What options may hold, where Python's own types take too much."""
+"""What options hold that several commands have."""
 
 from __future__ import annotations
 
 from argparse import ArgumentTypeError
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
+
+from anm_mj.cli.command_line import Option
+from anm_mj.errors import ConfigError
 
 
-def place(text: str) -> Path:
-    """A file or folder to write.
-
-    Raises:
-        ArgumentTypeError: it has no name, which would be the current folder.
-    """
+def _place(text: str) -> Path:
     if not text.strip():
         raise ArgumentTypeError("it is empty; name a file or folder, or leave the option out")
     return Path(text)
 
 
-def port(text: str) -> int:
-    """The number of a port.
-
-    Raises:
-        ArgumentTypeError: it is none.
-    """
+def _port(text: str) -> int:
     if not (text.isdecimal() and len(text) <= 5 and 1 <= int(text) <= 65535):
         raise ArgumentTypeError(f"{text!r} is no port; give a number from 1 to 65535")
     return int(text)
+
+
+Count = Annotated[int, Option("N")]
+NewFile = Annotated[Path, Option("FILE", _place)]
+NewFolder = Annotated[Path, Option("DIR", _place)]
+Port = Annotated[int, Option("PORT", _port)]
+Settings = Annotated[Sequence[str], Option("--set NAME=VALUE")]
 
 
 def require_ending(out: Path | None, endings: Sequence[str]) -> None:
@@ -36,6 +37,4 @@ def require_ending(out: Path | None, endings: Sequence[str]) -> None:
         ConfigError: it ends in no kind that can be written.
     """
     if out is not None and out.suffix not in endings:
-        from anm_mj.config import ConfigError
-
         raise ConfigError(f"--out is '{out}'; give a file that ends in {' or '.join(endings)}.")

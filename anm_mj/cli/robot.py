@@ -2,76 +2,57 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from anm_mj.cli.option_types import place, require_ending
+from anm_mj.cli.option_types import NewFile, Settings, require_ending
 
 if TYPE_CHECKING:
     from anm_mj.robot.description import RobotDescription
-    from anm_mj.sim.drives.drive_trial import DriveTest
+    from anm_mj.sim.drives.drive_trial import DriveTrial
 
-UNUSABLE = 1
-"""Exit status when the robot loads but does not drive."""
 _CLOSE = 0.05
 """Share of a motion that may be missing, or that wheels may slip, without a remark."""
 
 
-def add_robot(commands: Any) -> None:
-    """Add ``robot`` and its actions to the commands of the program."""
-    robot = commands.add_parser("robot", help="check robots")
-    actions = robot.add_subparsers(required=True, metavar="ACTION")
-    check = actions.add_parser("check", help="print what is understood of a robot, drive it, and draw it")
-    check.add_argument("robot", metavar="ROBOT", help="an MJCF file, or a name (docs/robot.md)")
-    check.add_argument(
-        "--set",
-        action="append",
-        metavar="NAME=VALUE",
-        dest="settings",
-        default=[],
-        help="a setting of the robot, as in model.camera_pose=0.05,0,0.3,10,60; may be repeated",
-    )
-    check.add_argument("--out", type=place, metavar="PNG", help="picture (default: ROBOT_check.png in this folder)")
-    check.set_defaults(command=_check)
+def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = None) -> int:
+    """Print what is understood of a robot, drive it, and draw it.
 
+    The exit status is 1 where the robot does not drive.
 
-def _check(parsed: argparse.Namespace) -> int:
+    Args:
+        robot: an MJCF file, or a name (docs/robot.md)
+        settings: a setting of the robot, as in model.camera_pose=0.05,0,0.3,10,60; may be repeated
+        out: picture; by default ROBOT_check.png in this folder
+    """
+    from anm_mj.cli.console import PlainConsole, say_problems
     from anm_mj.config import DEFAULT_PRESET, make_config
     from anm_mj.robot.robot_presets import robot_path
     from anm_mj.sim.gl import select_backend
 
-    require_ending(parsed.out, (".png",))
-    config = make_config(DEFAULT_PRESET, parsed.settings, scene="", robot=parsed.robot).model
-    path = robot_path(parsed.robot)
+    require_ending(out, (".png",))
+    config = make_config(DEFAULT_PRESET, list(settings), scene="", robot=robot).model
+    path = robot_path(robot)
     backend = select_backend()
     from anm_mj.robot.description import describe_robot
     from anm_mj.sim.drives.drive_trial import drive_over_a_floor, plain_fault
     from anm_mj.sim.robot_views import SIDES, robot_views
     from anm_mj.viz.picture_row import save_picture_row
 
-    robot = describe_robot(path, config)
-    test = drive_over_a_floor(robot)
-    plain = plain_fault(path, robot.root)
-    from anm_mj.cli.console import PlainConsole
-
+    found = describe_robot(path, config)
+    test = drive_over_a_floor(found)
     console = PlainConsole()
-    for line in describe(robot, test):
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
-    if plain:
-        console.print(f"warning: {plain}", highlight=False, soft_wrap=True, markup=False)
-    images = robot_views(robot.spec, robot.root, robot.T_root_base, robot.T_base_camera, robot.footprint, backend)
-    out = parsed.out or Path(f"{robot.name}_check.png")
+    plain = plain_fault(path, found.root)
+    console.say(*describe(found, test), *([f"warning: {plain}"] if plain else []))
+    images = robot_views(found.spec, found.root, found.T_root_base, found.T_base_camera, found.footprint, backend)
+    out = out or Path(f"{found.name}_check.png")
     save_picture_row(out, images, SIDES)
-    console.print(f"picture: {out}", highlight=False, soft_wrap=True)
-    faults = problems(robot, test)
-    for problem in faults:
-        PlainConsole(stderr=True).print(f"anm-mj: {problem}", style="red", highlight=False, soft_wrap=True)
-    return UNUSABLE if faults else 0
+    console.say(f"picture: {out}")
+    return say_problems(problems(found, test))
 
 
-def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
+def describe(robot: RobotDescription, test: DriveTrial) -> list[str]:
     """One line per thing that was understood."""
     x, y, z = robot.T_base_camera[:3, 3]
     ahead = robot.T_base_camera[:3, 2]
@@ -113,7 +94,7 @@ def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
     return lines
 
 
-def problems(robot: RobotDescription, test: DriveTest) -> list[str]:
+def problems(robot: RobotDescription, test: DriveTrial) -> list[str]:
     """Why the robot does not drive, with what to do; empty where it does."""
     found = []
     if len(robot.support_xy_m) and robot.wheel_joints:

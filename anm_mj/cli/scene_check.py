@@ -2,86 +2,68 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from anm_mj.cli.option_types import place, require_ending
+from anm_mj.cli.option_types import NewFile, require_ending
 
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
     from anm_mj.types import Pose2
 
-UNUSABLE = 1
-"""Exit status when a robot cannot use the scene."""
-_ENDINGS = (".png", ".pdf", ".svg")
 _MAX_ONE_SIDED = 0.001
 """Back-face culling is disabled where it changes more than this share of the pixels."""
 
 
-def add_check(actions: Any) -> None:
-    """Add ``check`` to the actions of ``scene``."""
-    check = actions.add_parser("check", help="check whether the robot can use a scene, and draw a contact sheet")
-    check.add_argument("scene", metavar="SCENE", help="name from the catalogue or a scene folder")
-    check.add_argument(
-        "--out",
-        type=place,
-        metavar="FILE",
-        help="contact sheet: .png, .pdf or .svg (default: SCENE_check.png in the current folder)",
-    )
-    check.set_defaults(command=_scene_check)
+def scene_check(scene: str, *, out: NewFile | None = None) -> int:
+    """Check whether the robot can use a scene, and draw a contact sheet.
 
-
-def _scene_check(parsed: argparse.Namespace) -> int:
+    Args:
+        scene: name from the catalogue or a scene folder
+        out: contact sheet: .png, .pdf or .svg; by default SCENE_check.png in the current folder
+    """
     from anm_mj.cli.bar import busy
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, say_problems
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
     from anm_mj.sim.gl import select_backend
 
-    require_ending(parsed.out, _ENDINGS)
-    scene = load_scene(parsed.scene)
+    require_ending(out, (".png", ".pdf", ".svg"))
+    world = load_scene(scene)
     backend = select_backend()
     from anm_mj.sim.scene_views import CUT_M, SceneViews
     from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
     console = PlainConsole()
     with busy(console, "check"):
-        check = check_scene(scene, DEFAULT_FOOTPRINT)
-    for line in describe(check):
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
-
+        check = check_scene(world, DEFAULT_FOOTPRINT)
+    console.say(*describe(check))
     with busy(console, "views"):
-        views = SceneViews(scene, backend)
+        views = SceneViews(world, backend)
         poses = _poses(check)
         backfaces = views.check_backfaces(poses)
     if backfaces is None:
-        console.print("one-sided walls: not looked for, because nothing can be drawn here", soft_wrap=True)
+        console.say("one-sided walls: not looked for, because nothing can be drawn here")
     else:
-        fixed = backfaces.changed_fraction > _MAX_ONE_SIDED and disable_backface_culling(scene)
+        fixed = backfaces.changed_fraction > _MAX_ONE_SIDED and disable_backface_culling(world)
         if fixed:
-            scene = replace(scene, cull_face=False)
-            views = SceneViews(scene, backend)
+            world = replace(world, cull_face=False)
+            views = SceneViews(world, backend)
         says = " (fixed: both sides are drawn from now on)" if fixed else ""
-        drawn = "front sides are" if scene.cull_face else "both sides are"
-        console.print(
+        drawn = "front sides are" if world.cull_face else "both sides are"
+        console.say(
             f"one-sided walls: leaving out back sides would change {backfaces.changed_fraction:.2%} of the picture; "
-            f"{drawn} drawn{says}\ncamera: {backfaces.exact_fraction:.3%} of pixels within 1 mm of an exact ray",
-            highlight=False,
-            soft_wrap=True,
+            f"{drawn} drawn{says}",
+            f"camera: {backfaces.exact_fraction:.3%} of pixels within 1 mm of an exact ray",
         )
-    out = parsed.out or Path(f"{scene.folder.resolve().name}_check.png")
+    out = out or Path(f"{world.folder.resolve().name}_check.png")
     shown = poses[:VIEWS]
     write_sheet(check, views.top_view(), views.top_corners_m, CUT_M, views.interior_views(shown), shown, out)
-    console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
-    for problem in check.problems:
-        PlainConsole(stderr=True).print(
-            f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True
-        )
-    return UNUSABLE if check.problems else 0
+    console.say(f"contact sheet: {out}")
+    return say_problems(check.problems)
 
 
 def describe(check: SceneCheck) -> list[str]:

@@ -2,69 +2,54 @@
 
 from __future__ import annotations
 
-import argparse
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from anm_mj.cli.option_types import place, port
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from anm_mj.cli.option_types import NewFile, Port
 
 
-def add_view(commands: Any) -> None:
-    """Add ``view`` to the commands of the program."""
-    view = commands.add_parser(
-        "view",
-        help="replay a finished run in the browser, or as one HTML file",
-        epilog="The page needs no network. To watch a run while it goes on: anm-mj explore SCENE --view.",
-    )
-    view.add_argument("run", type=Path, metavar="RUN", help="a run folder")
-    view.add_argument(
-        "--export-html", type=place, metavar="FILE", help="write the page to a file instead of showing it"
-    )
-    view.add_argument("--port", type=port, help="first port to try (default: 7000)")
-    view.add_argument("--no-browser", action="store_true", help="print the address only")
-    view.add_argument(
-        "--scene",
-        metavar="SCENE",
-        help="name or folder of the run's scene, if it kept no images and the scene has moved",
-    )
-    view.set_defaults(command=_view)
+def view(
+    run: Path,
+    *,
+    export_html: NewFile | None = None,
+    port: Port | None = None,
+    no_browser: bool = False,
+    scene: str | None = None,
+) -> int:
+    """Replay a finished run in the browser, or as one HTML file.
 
+    The page needs no network. To watch a run while it goes on: anm-mj explore SCENE --view.
 
-def _view(parsed: argparse.Namespace) -> int:
+    Args:
+        run: a run folder
+        export_html: write the page to a file instead of showing it
+        port: first port to try; by default 7000
+        no_browser: print the address only
+        scene: name or folder of the run's scene, if it kept no images and the scene has moved
+    """
+    import webbrowser
+
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
     from anm_mj.io.write import writing
     from anm_mj.replay.page import replay_page
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import write_text
-
-    console = PlainConsole()
-    timeline = read_timeline(parsed.run)
-    with progress_bar(console, "reading the run") as on_progress:
-        page = replay_page(timeline, parsed.scene, on_progress)
-    if parsed.export_html is not None:
-        with writing(parsed.export_html):
-            write_text(parsed.export_html, page)
-        console.print(f"Wrote {parsed.export_html} ({len(page) / 1e6:.1f} MB).", highlight=False, soft_wrap=True)
-        return 0
-    _show(console, page, parsed.port, browser=not parsed.no_browser)
-    return 0
-
-
-def _show(console: Console, page: str, port: int | None, *, browser: bool) -> None:
-    """Serve the page until Ctrl-C."""
-    import webbrowser
-
     from anm_mj.viz.file_server import FIRST_PORT, FileServer
 
-    with FileServer(page.encode(), FIRST_PORT if port is None else port) as server:
-        console.print(f"The replay is at {server.url}; Ctrl-C ends.", highlight=False, soft_wrap=True)
-        if browser:
+    console = PlainConsole()
+    timeline = read_timeline(run)
+    with progress_bar(console, "reading the run") as on_progress:
+        page = replay_page(timeline, scene, on_progress)
+    if export_html is not None:
+        with writing(export_html):
+            write_text(export_html, page)
+        console.say(f"Wrote {export_html} ({len(page) / 1e6:.1f} MB).")
+        return 0
+    with FileServer(page.encode(), port or FIRST_PORT) as server:
+        console.say(f"The replay is at {server.url}; Ctrl-C ends.")
+        if not no_browser:
             webbrowser.open(server.url)
-        try:
+        with suppress(KeyboardInterrupt):
             server.wait()
-        except KeyboardInterrupt:
-            return
+    return 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from anm_mj.errors import RobotError
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action
 
 _MOTIONS = {
@@ -33,11 +32,6 @@ class MotionLimits:
     """Highest turn rate [rad/s]."""
     turn_radps2: float = 6.0
     """Angular acceleration and deceleration [rad/s²]."""
-
-    def __post_init__(self):
-        for name, value in vars(self).items():
-            if not value > 0.0:
-                raise RobotError(f"MotionLimits.{name} is {value}; it must be positive.")
 
 
 class Trapezoid:

@@ -14,7 +14,8 @@ from anm_mj.control.wheel_servo import SOLVER, NoSlip
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.robot.base_joints import SimulatedBase
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import CAMERA, WHEEL_JOINTS, Kinematics, PlanarKinematics, RobotKinematics
+from anm_mj.robot.kinematics import Kinematics, PlanarKinematics, RobotKinematics
+from anm_mj.robot.reduced_model import CAMERA, WHEEL_JOINTS
 from anm_mj.types import Pose2
 
 _TASK_COST = 10.0

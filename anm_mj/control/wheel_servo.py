@@ -18,8 +18,8 @@ from anm_mj.control.clearance_limit import ClearanceLimit, Obstacle, add_obstacl
 from anm_mj.frames import pose_matrix
 from anm_mj.robot.base_joints import PlanarBase, SimulatedBase
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import WHEEL_JOINTS, RobotKinematics
-from anm_mj.robot.reduced_model import PLANAR_JOINTS
+from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.robot.reduced_model import PLANAR_JOINTS, WHEEL_JOINTS
 from anm_mj.types import Pose2, WheelSpeeds
 
 _logger = logging.getLogger(__name__)
@@ -60,8 +60,59 @@ class NoSlip(mink.Task):
         return configuration.get_frame_jacobian("base", "site") - self._wheels_to_twist
 
 
-class WheelServo:
-    """Computes wheel speeds on mink's own model of the robot, apart from the simulated one."""
+class _Servo:
+    """Inverse kinematics on mink's own model of the robot, apart from the simulated one."""
+
+    def __init__(
+        self, description: RobotDescription, *, period_s: float, obstacles: list[Obstacle] | None, min_distance_m: float
+    ):
+        """Set the problem up; see the subclasses."""
+        self._model = _reduced_model(description, obstacles)
+        self._period_s = period_s
+        self._configuration = mink.Configuration(self._model)
+        self._base: SimulatedBase | PlanarBase
+        # Height and tilt follow from the no-slip rows; a cost on them would only add rounding errors.
+        self._reach = mink.FrameTask(
+            "base", "site", position_cost=[_TASK_COST, _TASK_COST, 0.0], orientation_cost=[0.0, 0.0, _TASK_COST]
+        )
+        self._limits: list[mink.Limit] = []
+        self._clearance: ClearanceLimit | None = None
+        if obstacles:
+            self._clearance = ClearanceLimit(self._model, len(obstacles), min_distance_m=min_distance_m)
+            self._limits.append(self._clearance)
+
+    @property
+    def is_near_obstacle(self) -> bool:
+        """Whether an obstacle was within centimetres of the body at the last call."""
+        return self._clearance is not None and self._clearance.is_active
+
+    def _velocity(
+        self, pose: Pose2, reference: Pose2, constraints: list[mink.Task] | None = None
+    ) -> Float[np.ndarray, " nv"]:
+        """Joint velocities that bring the base to the reference within one period; zero where no solution is found."""
+        self._base.place(pose)
+        self._configuration.update()
+        self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
+        try:
+            return np.asarray(
+                mink.solve_ik(
+                    self._configuration,
+                    [self._reach],
+                    self._period_s,
+                    SOLVER,
+                    limits=self._limits,
+                    constraints=constraints,
+                )
+            )
+        except mink.NoSolutionFound:
+            # Standing still satisfies every limit, so a solution exists; the solver can miss it after a push into
+            # several obstacles at once.
+            _logger.debug("No wheel speeds found at %s for %s; the wheels stop for one period", pose, reference)
+            return np.zeros(self._model.nv)
+
+
+class WheelServo(_Servo):
+    """Computes wheel speeds."""
 
     def __init__(
         self,
@@ -86,56 +137,23 @@ class WheelServo:
         Raises:
             RobotError: if mink drops an obstacle.
         """
-        model = _reduced_model(description, obstacles)
-        self._period_s = period_s
-        self._configuration = mink.Configuration(model)
-        self._base = SimulatedBase(model, self._configuration.data)
-        self._wheel_dofs = [model.joint(name).dofadr[0] for name in WHEEL_JOINTS]
-        # Height and tilt follow from the no-slip rows; a cost on them would only add rounding errors.
-        self._reach = mink.FrameTask(
-            "base",
-            "site",
-            position_cost=[_TASK_COST, _TASK_COST, 0.0],
-            orientation_cost=[0.0, 0.0, _TASK_COST],
-        )
-        self._no_slip = NoSlip(kinematics, model)
-        self._limits: list[mink.Limit] = [mink.VelocityLimit(model, dict.fromkeys(WHEEL_JOINTS, max_wheel_radps))]
-        if obstacles:
-            self._limits.append(ClearanceLimit(model, len(obstacles), min_distance_m=min_distance_m))
-
-    @property
-    def is_near_obstacle(self) -> bool:
-        """Whether an obstacle was within centimetres of the body at the last call."""
-        return any(isinstance(limit, ClearanceLimit) and limit.is_active for limit in self._limits)
+        super().__init__(description, period_s=period_s, obstacles=obstacles, min_distance_m=min_distance_m)
+        self._base = SimulatedBase(self._model, self._configuration.data)
+        self._wheel_dofs = [self._model.joint(name).dofadr[0] for name in WHEEL_JOINTS]
+        self._no_slip = NoSlip(kinematics, self._model)
+        self._limits.insert(0, mink.VelocityLimit(self._model, dict.fromkeys(WHEEL_JOINTS, max_wheel_radps)))
 
     def wheel_speeds(self, pose: Pose2, reference: Pose2) -> WheelSpeeds:
         """Wheel speeds that bring the base as close to the reference as possible within one period.
 
         Zero if the solver finds no solution.
         """
-        self._base.place(pose)
-        self._configuration.update()
-        self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
-        try:
-            velocity = mink.solve_ik(
-                self._configuration,
-                [self._reach],
-                self._period_s,
-                SOLVER,
-                limits=self._limits,
-                constraints=[self._no_slip],
-            )
-        except mink.NoSolutionFound:
-            # Standing still satisfies every limit, so a solution exists; the solver can miss it after a push into
-            # several obstacles at once.
-            _logger.debug("No wheel speeds found at %s for %s; the wheels stop for one period", pose, reference)
-            return WheelSpeeds(0.0, 0.0)
-        left, right = velocity[self._wheel_dofs].tolist()
+        left, right = self._velocity(pose, reference, [self._no_slip])[self._wheel_dofs].tolist()
         return WheelSpeeds(left, right)
 
 
-class PlanarServo:
-    """Computes joint speeds of a holonomic base on mink's own model of it."""
+class PlanarServo(_Servo):
+    """Computes joint speeds of a holonomic base."""
 
     def __init__(
         self,
@@ -160,31 +178,11 @@ class PlanarServo:
         Raises:
             RobotError: if mink drops an obstacle.
         """
-        model = _reduced_model(description, obstacles)
-        self._period_s = period_s
-        self._configuration = mink.Configuration(model)
-        self._base = PlanarBase(model, self._configuration.data, "", PLANAR_JOINTS)
-        self._reach = mink.FrameTask(
-            "base", "site", position_cost=[_TASK_COST, _TASK_COST, 0.0], orientation_cost=[0.0, 0.0, _TASK_COST]
-        )
+        super().__init__(description, period_s=period_s, obstacles=obstacles, min_distance_m=min_distance_m)
+        self._base = PlanarBase(self._model, self._configuration.data, "", PLANAR_JOINTS)
         speeds: dict[str, Any] = dict(zip(PLANAR_JOINTS, (max_mps, max_mps, max_radps), strict=True))
-        self._limits: list[mink.Limit] = [mink.VelocityLimit(model, speeds)]
-        if obstacles:
-            self._limits.append(ClearanceLimit(model, len(obstacles), min_distance_m=min_distance_m))
-
-    @property
-    def is_near_obstacle(self) -> bool:
-        """Whether an obstacle was within centimetres of the body at the last call."""
-        return any(isinstance(limit, ClearanceLimit) and limit.is_active for limit in self._limits)
+        self._limits.insert(0, mink.VelocityLimit(self._model, speeds))
 
     def joint_speeds(self, pose: Pose2, reference: Pose2) -> Float[np.ndarray, "3"]:
         """Speeds along x and y [m/s] and turn rate [rad/s] that bring the base to the reference within one period."""
-        self._base.place(pose)
-        self._configuration.update()
-        self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
-        try:
-            return np.asarray(
-                mink.solve_ik(self._configuration, [self._reach], self._period_s, SOLVER, limits=self._limits)
-            )
-        except mink.NoSolutionFound:
-            return np.zeros(3)
+        return self._velocity(pose, reference)

@@ -8,12 +8,10 @@ from typing import Any
 
 from anm_mj.control.action_motion import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
-from anm_mj.errors import TaskError
-from anm_mj.robot.robot_config import DEFAULT_ROBOT
-from anm_mj.sim.sensors.sensor_presets import SENSORS
-from anm_mj.sim.simulation_config import DRIVES
+from anm_mj.errors import ConfigError, RobotError, TaskError
+from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import FORWARD_STEP_M
-from anm_mj.utils.close_names import close_name
 
 REACH_M = 1000.0
 """Largest distance from the start within an episode [m]; bounds the observed position in every scene."""
@@ -33,7 +31,7 @@ class EnvironmentConfig:
     """Steps until truncation; None = the scene's budget, or the default for its number of rooms."""
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg] of every episode; None = a random reachable pose per episode."""
-    drive: str = "kinematic"
+    drive: str = SimulationConfig.drive
     """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact)."""
     image_px: int = 128
     """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
@@ -44,7 +42,7 @@ class EnvironmentConfig:
     """Whether the observation includes an occupancy map around the robot."""
     distance: bool = False
     """Whether the observation includes the signed distance to the nearest obstacle around the robot."""
-    robot: str = DEFAULT_ROBOT
+    robot: str = SimulationConfig.robot
     """Name of a builtin robot, or an MJCF file."""
     actions: str = "discrete"
     """``discrete`` (forward, left, right), or ``velocity`` (forward and turn, each held for 0.2 s)."""
@@ -58,7 +56,7 @@ class EnvironmentConfig:
         """Check the values.
 
         Raises:
-            TaskError: an unknown drive, or a number out of range.
+            TaskError: an unknown drive or sensor, or a number out of range.
         """
         if self.num_steps is not None and not 1 <= self.num_steps <= self.max_steps:
             raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {self.max_steps} steps.")
@@ -66,13 +64,16 @@ class EnvironmentConfig:
             raise TaskError(f'There are no actions "{self.actions}"; choose one of {", ".join(ACTION_SETS)}.')
         if self.reward not in REWARDS:
             raise TaskError(f'There is no reward "{self.reward}"; choose one of {", ".join(REWARDS)}.')
-        if self.drive not in DRIVES:
-            raise TaskError(f'There is no drive "{self.drive}"; choose one of {", ".join(DRIVES)}.')
-        if not 16 <= self.image_px <= 2048:
-            raise TaskError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
-        if self.sensor not in SENSORS:
-            hint = close_name(self.sensor, SENSORS)
-            raise TaskError(f"There is no sensor '{self.sensor}'{hint}; choose one of {', '.join(SENSORS)}.")
+        try:
+            self.simulation  # noqa: B018
+        except (ConfigError, RobotError) as err:
+            raise TaskError(str(err)) from err
+
+    @property
+    def simulation(self) -> SimulationConfig:
+        """What the simulated robot is made of; every episode has its own scene, start and seed."""
+        sensor = sensor_config(self.sensor)
+        return SimulationConfig("", robot=self.robot, drive=self.drive, image_px=self.image_px, sensor=sensor)
 
     @property
     def max_steps(self) -> int:

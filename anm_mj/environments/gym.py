@@ -16,8 +16,6 @@ from anm_mj.environments.environment_config import require_start
 from anm_mj.environments.load import load_environment
 from anm_mj.errors import TaskError
 
-_RESET_OPTIONS = ("start",)
-
 
 class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
     """Wraps :class:`~anm_mj.environments.load.ExploreEnvironment`: same observations, actions and rewards.
@@ -81,9 +79,9 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         """
         super().reset(seed=seed)
         options = options or {}
-        unknown = sorted(set(options) - set(_RESET_OPTIONS))
+        unknown = sorted(set(options) - {"start"})
         if unknown:
-            raise TaskError(f'reset has no option "{unknown[0]}"; it has {", ".join(_RESET_OPTIONS)}.')
+            raise TaskError(f'reset has no option "{unknown[0]}"; it has start.')
         task = self._environment.task
         if "start" in options:
             require_start(options["start"])

@@ -19,7 +19,6 @@ from anm_mj.robot.robot_presets import preset_config, robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import Footprint
 
 TASKS = ("explore",)
@@ -27,10 +26,6 @@ TASKS = ("explore",)
 
 class ExploreEnvironment(control.Environment):
     """Exploration as a ``dm_env.Environment``. Close it to free the GL context."""
-
-    def __init__(self, physics: RobotPhysics, task: ExploreTask) -> None:
-        """Combine simulation and task."""
-        super().__init__(physics, task)
 
     @property
     def physics(self) -> RobotPhysics:
@@ -81,9 +76,9 @@ def load_environment(
         raise TaskError("The list of scenes is empty; give at least one.")
     loaded = [load_scene(name) for name in names]
     scenes = tuple(_shared_scene(one.folder.resolve(), one.hash) for one in loaded)
-    sensor = sensor_config(config.sensor)
-    physics = RobotPhysics(robot=config.robot, drive=config.drive, image_px=config.image_px, sensor=sensor)
-    return ExploreEnvironment(physics, ExploreTask(scenes, config, _footprint(config.robot), seed))
+    return ExploreEnvironment(
+        RobotPhysics(config.simulation), ExploreTask(scenes, config, _footprint(config.robot), seed)
+    )
 
 
 def _footprint(robot: str) -> Footprint:

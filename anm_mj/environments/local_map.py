@@ -7,8 +7,8 @@ from jaxtyping import Float32, Float64, Int8
 from scipy.ndimage import distance_transform_edt
 
 from anm_mj.frames import cell_to_world, pose_matrix
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2, VoxelGrid
 
 CELLS = 192
@@ -35,7 +35,7 @@ class LocalMap:
     def __init__(self, footprint: Footprint) -> None:
         """Start with an unknown map; the heights of ``footprint`` bound the columns."""
         self._footprint = footprint
-        self._grid = OccupancyGrid(OccupancyConfig())
+        self._grid = DepthOccupancy(OccupancyConfig())
         # Of cell centres in base axes: row 0 is the farthest x (forward), column 0 the farthest y (left).
         self._offsets_m = (CELLS / 2 - 0.5 - np.arange(CELLS)) * self._grid.config.voxel_m
 
@@ -56,7 +56,7 @@ class LocalMap:
     def information_bits(self) -> float:
         """What the grid knows [bits]: one per voxel, less its entropy; 0 where nothing was observed."""
         # Histogram first: there are only 256 different log-odds.
-        counts = np.bincount(self._grid.log_odds.reshape(-1).view(np.uint8), minlength=256)
+        counts = np.bincount(self._grid.voxels.log_odds.reshape(-1).view(np.uint8), minlength=256)
         return float(counts @ _INFORMATION_BITS)
 
     def distance(self, pose: Pose2) -> Float32[np.ndarray, "rows cols"]:

@@ -11,7 +11,7 @@ from anm_mj.control.action_motion import MotionLimits, action_profile
 from anm_mj.environments.actions import CONTROL_S
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import Action, ActionResult, MotionResult, Observation, Pose2, Twist
 
 if TYPE_CHECKING:
@@ -25,20 +25,14 @@ class RobotPhysics(control.Physics):
     specifications alone and then fork; such an environment must not hold a GL context.
     """
 
-    def __init__(self, *, robot: str, drive: str, image_px: int, sensor: SensorConfig) -> None:
+    def __init__(self, config: SimulationConfig) -> None:
         """Prepare a simulation.
 
         Args:
-            robot: name of a builtin robot, or an MJCF file.
-            drive: ``kinematic`` or ``physics``.
-            image_px: width and height of the camera's images [px].
-            sensor: errors of camera and odometry.
+            config: what the robot is made of; ``place`` says scene, start and seed.
         """
+        self._config = config
         self._scene: Scene | None = None
-        self._robot_name = robot
-        self._drive = drive
-        self._image_px = image_px
-        self._sensor = sensor
         self._robot: SimRobot | None = None
         self._action: Action | Twist = Action.STOP
         self._result: ActionResult | MotionResult | None = None
@@ -77,15 +71,7 @@ class RobotPhysics(control.Physics):
             self._robot.restart(pose, seed=seed)
             return
         self.close()
-        robot = make_robot(
-            scene,
-            start=pose,
-            robot=self._robot_name,
-            drive=self._drive,
-            image_px=self._image_px,
-            sensor=self._sensor,
-            seed=seed,
-        )
+        robot = make_robot(scene, self._config, start=pose, seed=seed)
         self._scene = scene
         # Free GL before the interpreter unloads its modules, also in programs that never call ``close``.
         self._close = weakref.finalize(self, robot.close)

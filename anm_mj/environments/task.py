@@ -22,8 +22,7 @@ from anm_mj.environments.starts import sample_start
 from anm_mj.environments.surface_coverage import IncrementalCoverage, observable_surface
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
-from anm_mj.scene.budget import default_steps
-from anm_mj.scene.folder import Scene
+from anm_mj.scene.folder import Scene, default_steps
 from anm_mj.scene.navigable import require_clear
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
 

@@ -11,7 +11,7 @@ from jaxtyping import Float32, Int8
 
 from anm_mj.environments.local_map import CELLS
 from anm_mj.errors import TaskError
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.types import OCCUPIED, UNKNOWN
 
 RANGE_M = 4.7

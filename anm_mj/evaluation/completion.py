@@ -90,12 +90,12 @@ class Coverage:
         if len(self._pending) >= BATCH_FRAMES:
             self._search()
 
-    def checkpoint_state(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """Distances and frames not searched yet, for a checkpoint."""
         return {"distance_m": self._distance_m, "pending": self._pending}
 
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Take over what :meth:`checkpoint_state` gave, for the same samples."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`get_state` gave, for the same samples."""
         self._distance_m, self._pending = state["distance_m"], state["pending"]
 
     def completion(self) -> Completion:

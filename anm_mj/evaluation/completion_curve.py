@@ -62,12 +62,8 @@ class CompletionCurve:
         """What was covered before the first frame; None for a run that began with nothing."""
         self._step: int | None = None
         self._pose: Pose2 | None = None
-        self._path_m = 0.0
-
-    @property
-    def path_m(self) -> float:
+        self.path_m = 0.0
         """Driven distance: the sum of the distances between consecutive frames [m]."""
-        return self._path_m
 
     @property
     def distance_m(self) -> Float[np.ndarray, " n"]:
@@ -93,7 +89,7 @@ class CompletionCurve:
         """
         self._coverage.add(depth_mm, intrinsics, T_world_camera)
         if self._pose is not None:
-            self._path_m += math.dist(self._pose.xy_m, pose.xy_m)
+            self.path_m += math.dist(self._pose.xy_m, pose.xy_m)
         self._step, self._pose = step, pose
         return self._row(step) if step % CHECKPOINT_STEPS == 0 else None
 
@@ -105,6 +101,6 @@ class CompletionCurve:
 
     def _row(self, step: int) -> CurveRow:
         now = self._coverage.completion()
-        row = CurveRow(step, now.ratio_percent, now.completion_cm, now.observable_ratio_percent, self._path_m)
+        row = CurveRow(step, now.ratio_percent, now.completion_cm, now.observable_ratio_percent, self.path_m)
         self.rows.append(row)
         return row

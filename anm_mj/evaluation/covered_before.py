@@ -26,7 +26,7 @@ def covered_before(run: Run, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
     distance to the nearest covered sample stands for that to its depth point, and is too large by no more than that.
 
     Args:
-        run: The former run.
+        run: The earlier run.
         truth: The true surface of now.
 
     Raises:

@@ -95,7 +95,7 @@ def evaluate_fixed_views(
     """
     record = read_run(path)
     views = fixed_views(explored_scene(record, scene), num_views)
-    neural_map = NeuralMap.load(record.folder.map, field_is_geometry=False)
+    neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
     compared = compare_views(neural_map, views, len(views), on_progress)
     return write_views(
         path / "fixed_views.json", [{"pose": view.pose, "quality": quality} for view, _, _, quality in compared]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from anm_mj.evaluation.completion import Completion
-from anm_mj.evaluation.completion_curve import CompletionCurve, CurveRow
+from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.evaluation.mesh_quality import MeshQuality
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.geometry.polyline import NUM_HEADINGS
@@ -109,6 +108,19 @@ class Metrics:
     fixed_view_depth_l1_cm: float | None = None
     fixed_view_depth_error_cm: float | None = None
     fixed_view_known_percent: float | None = None
+    position_rmse_cm: float | None = None
+    """As the next eight: :class:`~anm_mj.evaluation.trajectory_error.TrajectoryError`; None with true poses."""
+    ate_rmse_cm: float | None = None
+    rpe_cm_per_m: float | None = None
+    rpe_deg_per_m: float | None = None
+    rpe_deg_per_quarter_turn: float | None = None
+    final_position_error_cm: float | None = None
+    final_heading_error_deg: float | None = None
+    lost_percent: float | None = None
+    unmapped_percent: float | None = None
+    aligned_observed_accuracy_cm: float | None = None
+    """This and the next one: the mesh metrics after the alignment of the trajectory; None with true poses."""
+    aligned_observed_f_score: float | None = None
     steps: int
     path_m: float
     """Driven distance [m]."""
@@ -178,40 +190,41 @@ class EpisodeStatistics:
 
 def summarise(
     statistics: EpisodeStatistics,
-    rows: Sequence[CurveRow],
-    path_m: float,
+    curve: CompletionCurve,
     uncapped_cm: float | None,
     truth: GroundTruth,
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     summary: RunSummary,
     views: Mapping[str, Any] | None = None,
-    before: Completion | None = None,
+    trajectory: Mapping[str, Any] | None = None,
 ) -> Metrics:
     """Assemble the metrics of a run.
 
     Args:
         statistics: Sums over its steps.
-        rows: Its completion curve; the last row counts.
-        path_m: Driven distance [m].
+        curve: Its completion curve, finished.
         uncapped_cm: Completion without a cap [cm].
         truth: The true surface.
         mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh.
         summary: Facts that only the running program knows.
         views: Quality of the map on novel and fixed views, as :func:`view_metrics` has it; None if not measured.
-        before: What the runs before this one had covered; None for a run that began with nothing.
+        trajectory: Errors of the trajectory by the keys of ``metrics.json``; None for true poses.
     """
-    last = rows[-1] if rows else None
+    last, before = curve.rows[-1] if curve.rows else None, curve.before
     whole, observed = mesh or (None, None)
     return Metrics(
-        **{name: getattr(last, name, None) for name in ("completion_ratio", "completion_cm", "observable_ratio")},
+        completion_ratio=last and last.completion_ratio,
+        completion_cm=last and last.completion_cm,
+        observable_ratio=last and last.observable_ratio,
         completion_uncapped_cm=uncapped_cm,
         observable_share=None if truth.observable is None else 100.0 * float(truth.observable.mean()),
-        completion_ratio_before=before.ratio_percent if before else None,
-        observable_ratio_before=before.observable_ratio_percent if before else None,
+        completion_ratio_before=before and before.ratio_percent,
+        observable_ratio_before=before and before.observable_ratio_percent,
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
-        path_m=path_m,
+        **(trajectory or {}),
+        path_m=curve.path_m,
         **{name: getattr(statistics, name) for name in (*COUNTS, "stage_hz")},
         **vars(summary),
     )
@@ -220,8 +233,12 @@ def summarise(
 def pictured(curve: CompletionCurve, statistics: EpisodeStatistics) -> dict[str, Any]:
     """Those of a run's metrics that its pictures name, by the keys of ``metrics.json``."""
     last = curve.rows[-1] if curve.rows else None
-    ratios = {name: getattr(last, name, None) for name in ("observable_ratio", "completion_ratio")}
-    return {**ratios, "steps": statistics.steps, "path_m": curve.path_m}
+    return {
+        "observable_ratio": last and last.observable_ratio,
+        "completion_ratio": last and last.completion_ratio,
+        "steps": statistics.steps,
+        "path_m": curve.path_m,
+    }
 
 
 def view_metrics(result: ViewsResult, prefix: str) -> dict[str, Any]:

@@ -70,8 +70,8 @@ def evaluate_novel_views(
     record = read_run(path)
     world = explored_scene(record, scene)
     # What was observed is a matter of depth alone, or the quality of a map would decide on which views it is evaluated.
-    neural_map = NeuralMap.load(record.folder.map, field_is_geometry=False)
-    grid = neural_map.occupancy
+    neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
+    grid = neural_map.occupancy_grid()
     observed = (view for view in _novel_views(record, world, seed) if _observed_percent(grid, view) >= LEAST_OBSERVED)
     rows, pictures = list[dict[str, Any]](), []
     for view, rgb, depth_m, quality in compare_views(neural_map, islice(observed, views), views, on_progress):

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -25,6 +26,7 @@ from anm_mj.evaluation.metrics import (
     summarise,
     view_metrics,
 )
+from anm_mj.evaluation.trajectory_error import alignment, trajectory_error
 from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
@@ -41,6 +43,8 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.utils.files import write_text
 
+_POSES = ("T_world_camera", "T_true_camera")
+"""Fields of a frame: the camera's believed and its true pose."""
 _OF_VIEWS = {field.name for field in dataclasses.fields(Metrics) if field.name.startswith((NOVEL, FIXED))}
 """Keys of ``metrics.json`` about views."""
 
@@ -91,9 +95,8 @@ def evaluate_run(
     uncapped_cm = without_cap_cm(run.folder, truth, curve)
     write_curve(run.folder, curve, statistics)
     mesh = quality_of_mesh(run.folder, truth, curve)
-    metrics = summarise(
-        statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, views, before=curve.before
-    )
+    trajectory = trajectory_metrics(run, truth, curve)
+    metrics = summarise(statistics, curve, uncapped_cm, truth, mesh, summary, views, trajectory)
     write_json(run.folder.metrics, metrics)
     return metrics
 
@@ -148,6 +151,31 @@ def quality_of_mesh(
     if not folder.mesh.is_file():
         return None
     return mesh_quality(*read_mesh(folder.mesh), truth, curve.distance_m < COVERED_M)
+
+
+def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> dict[str, Any] | None:
+    """Errors of a run's trajectory, and its mesh after their alignment, by the keys of ``metrics.json``.
+
+    Returns:
+        None where the run believed the true poses.
+
+    Raises:
+        RunFolderError: The mesh is damaged.
+    """
+    error = trajectory_error(run.frames)
+    if error is None:
+        return None
+    found: dict[str, Any] = dataclasses.asdict(error)
+    if run.folder.mesh.is_file():
+        vertices, faces = read_mesh(run.folder.mesh)
+        believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in run.frames]) for name in _POSES)
+        T_true_believed = alignment(believed, true)
+        moved = (vertices @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]).astype(vertices.dtype)
+        _, observed = mesh_quality(moved, faces, truth, curve.distance_m < COVERED_M)
+        if observed is not None:
+            found["aligned_observed_accuracy_cm"] = observed.accuracy_cm
+            found["aligned_observed_f_score"] = observed.f_score_percent
+    return found
 
 
 def completion_with_halved_intrinsics(path: Path) -> Completion:

@@ -19,5 +19,5 @@ class SceneTruth:
     """Where the robot can get to."""
     camera: CameraExtrinsics
     """The camera on the robot."""
-    budget_steps: int | None = None
-    """Steps of the run; None = not known."""
+    budget_steps: int
+    """Steps of the run."""

@@ -96,7 +96,7 @@ def _volume(run: Run, on_progress: Callable[[int, int], None]) -> _Volume:
     if not run.folder.map.is_file():
         raise RunFolderError(f"{run.folder.path} has no {run.folder.map.name}: the run did not end.")
     neural_map = NeuralMap.load(run.folder.map, device="cpu")
-    grid = neural_map.occupancy
+    grid = neural_map.occupancy_grid()
     known = np.argwhere(grid.state != UNKNOWN)
     if len(known) == 0:
         raise RunFolderError(f"The map of {run.folder.path} is empty: nothing was observed.")

@@ -45,17 +45,6 @@ def sample_triangles(
     return corners[face, 0] + a[:, None] * edge_a[face] + b[:, None] * edge_b[face], face
 
 
-def sample_surface(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int = NUM_SAMPLES, seed: int = 0
-) -> Float32[np.ndarray, "n 3"]:
-    """Uniform samples of a whole surface [m], hidden and unreachable parts included, as in the paper's protocol.
-
-    Raises:
-        SceneError: The surface has no area.
-    """
-    return sample_triangles(vertices, faces, num_samples, seed)[0].astype(np.float32)
-
-
 @dataclass(frozen=True)
 class GroundTruth:
     """A scene's true surface and the samples for completion."""
@@ -70,19 +59,15 @@ class GroundTruth:
 
     @classmethod
     def sample(
-        cls,
-        vertices: Float[np.ndarray, "v 3"],
-        faces: Int[np.ndarray, "f 3"],
-        num_samples: int = NUM_SAMPLES,
-        seed: int = 0,
+        cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int = NUM_SAMPLES
     ) -> GroundTruth:
-        """Sample a mesh in world coordinates [m].
+        """Uniform samples of a whole mesh, world [m], hidden parts included, as in the paper's protocol.
 
         Raises:
             SceneError: The mesh has no area.
         """
-        samples = sample_surface(vertices, faces, num_samples, seed)
-        return cls(samples, vertices.astype(np.float32), faces.astype(np.int32))
+        samples, _ = sample_triangles(vertices, faces, num_samples, seed=0)
+        return cls(samples.astype(np.float32), vertices.astype(np.float32), faces.astype(np.int32))
 
     def save(self, path: Path) -> None:
         """Write all of it to an ``.npz`` file."""
@@ -109,11 +94,7 @@ class GroundTruth:
 
 
 def _checked(truth: GroundTruth) -> GroundTruth:
-    """The same, if its arrays are what they should be.
-
-    Raises:
-        ValueError: They are not.
-    """
+    """The same; a ValueError where its arrays are not what they should be."""
     checked_triangles(truth.vertices, truth.faces)
     samples, _ = checked_triangles(truth.samples, np.zeros((0, 3), np.int32))
     _, count = np.unique(np.ascontiguousarray(samples).view("V12"), return_counts=True)

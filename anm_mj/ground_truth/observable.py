@@ -178,15 +178,16 @@ class _Search:
         if self._tree is not None:
             self._mark_all_near(hits, cell)
         miss_m = np.linalg.norm(hits - self._samples[which], axis=1)
-        self._mark(which, cell, miss_m)
+        self.seen_from[which[miss_m < COVERED_M]] = cell[miss_m < COVERED_M]
         again = np.flatnonzero((miss_m >= COVERED_M) & (miss_m < NEAR_MISS_M))
         for turn in aside:
             if len(again) == 0:
                 break
             hits = self._hits(which[again], places_m[again], (towards[again] + turn) % NUM_HEADINGS)
             miss_m = np.linalg.norm(hits - self._samples[which[again]], axis=1)
-            self._mark(which[again], cell[again], miss_m)
-            again = again[~(miss_m < COVERED_M)]
+            hit = miss_m < COVERED_M
+            self.seen_from[which[again[hit]]] = cell[again[hit]]
+            again = again[~hit]
 
     def _hits(
         self, which: Int32[np.ndarray, " n"], places_m: Float32[np.ndarray, "n 2"], yaw: Int[np.ndarray, " n"]
@@ -196,12 +197,6 @@ class _Search:
         length = np.float32(COVERED_M) * self._rng.random(len(which), np.float32)
         aside *= (length / np.maximum(np.linalg.norm(aside, axis=1), np.float32(1e-6)))[:, None]
         return self._rays.hits(self._samples[which] + aside, places_m, yaw)
-
-    def _mark(
-        self, which: Int32[np.ndarray, " n"], cell: Int32[np.ndarray, " n"], miss_m: Float32[np.ndarray, " n"]
-    ) -> None:
-        hit = miss_m < COVERED_M
-        self.seen_from[which[hit]] = cell[hit]
 
     def _mark_all_near(self, hits: Float32[np.ndarray, "n 3"], cell: Int32[np.ndarray, " n"]) -> None:
         """Mark the unseen sample nearest to each hit, whatever sample the ray was for."""

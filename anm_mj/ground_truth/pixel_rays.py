@@ -28,11 +28,7 @@ class CameraExtrinsics:
 
     @classmethod
     def of_view(
-        cls,
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
-        pose: Pose2,
-        range_m: float = MAX_DEPTH_M,
+        cls, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"], pose: Pose2, range_m: float = MAX_DEPTH_M
     ) -> CameraExtrinsics:
         """Extrinsics from one observation.
 
@@ -98,10 +94,7 @@ class PixelRays:
         return inside & (z > 0.0)
 
     def hits(
-        self,
-        targets_m: Float32[np.ndarray, "n 3"],
-        places_m: Float32[np.ndarray, "n 2"],
-        yaw: Int[np.ndarray, " n"],
+        self, targets_m: Float32[np.ndarray, "n 3"], places_m: Float32[np.ndarray, "n 2"], yaw: Int[np.ndarray, " n"]
     ) -> Float32[np.ndarray, "n 3"]:
         """Depth point of the pixel nearest to each target, in the frame at a place and a yaw [m]; infinite without one.
 
@@ -117,19 +110,18 @@ class PixelRays:
         x, y, z = in_camera[ahead].T
         camera = self._camera
         direction = np.empty((len(ahead), 3), np.float32)
-        direction[:, 0] = (_kept(x / z * camera.fx + camera.cx, self._cols, camera.width) + 0.5 - camera.cx) / camera.fx
-        direction[:, 1] = (
-            _kept(y / z * camera.fy + camera.cy, self._rows, camera.height) + 0.5 - camera.cy
-        ) / camera.fy
+        column = _kept(x / z * camera.fx + camera.cx, self._cols, camera.width)
+        row = _kept(y / z * camera.fy + camera.cy, self._rows, camera.height)
+        direction[:, 0] = (column + 0.5 - camera.cx) / camera.fx
+        direction[:, 1] = (row + 0.5 - camera.cy) / camera.fy
         direction[:, 2] = 1.0
         # Directions have z = 1 in the camera, so lengths are planar depths.
         direction = np.einsum("nij,nj->ni", self._rotation[yaw[ahead]], direction)
         depth_m = np.minimum(self._caster.lengths(origin[ahead], direction), np.float32(2.0 * MAX_DEPTH_M))
         depth_m = np.rint(depth_m * 1000.0) / 1000.0
         points = np.full((len(targets_m), 3), np.inf, np.float32)
-        points[ahead] = np.where(
-            (depth_m <= self._range_m)[:, None], origin[ahead] + depth_m[:, None] * direction, np.inf
-        )
+        in_range = (depth_m <= self._range_m)[:, None]
+        points[ahead] = np.where(in_range, origin[ahead] + depth_m[:, None] * direction, np.inf)
         return points
 
 

@@ -26,14 +26,10 @@ def limit_rosbags() -> None:
 
     zstd: Any = vars(rosbag2)["zstd"]
 
-    def unpack_zstd(data: bytes) -> bytes:
-        return _unpacked(zstd.ZstdDecompressor, data)
-
-    def unpack_lz4(data: bytes) -> bytes:
-        return _unpacked(lz4.frame.LZ4FrameDecompressor, data)
-
+    unpack_zstd = functools.partial(_unpacked, zstd.ZstdDecompressor)
+    unpack_lz4 = functools.partial(_unpacked, lz4.frame.LZ4FrameDecompressor)
     rosbag1.decompressors["lz4"] = unpack_lz4
-    rosbag1.decompressors["bz2"] = lambda data: _unpacked(bz2.BZ2Decompressor, data)
+    rosbag1.decompressors["bz2"] = functools.partial(_unpacked, bz2.BZ2Decompressor)
     storage_mcap.DECOMPRESSORS["lz4"] = lambda data, _: unpack_lz4(data)
     storage_mcap.DECOMPRESSORS["zstd"] = lambda data, _: unpack_zstd(data)
 

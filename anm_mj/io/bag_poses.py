@@ -29,18 +29,16 @@ class Track:
     name: str
     """What a warning calls them."""
     times_s: list[float] = field(default_factory=list)
-    xyz_m: list[Float[np.ndarray, "3"]] = field(default_factory=list)
-    quaternions: list[Float[np.ndarray, "4"]] = field(default_factory=list)
-    """Scalar last."""
+    poses: list[Float[np.ndarray, "7"]] = field(default_factory=list)
+    """Position [m] and quaternion, scalar last."""
     static: bool = False
     """Whether the first pose counts at all times."""
     _order: np.ndarray | None = field(default=None, init=False)
 
-    def add(self, time_s: float, xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> None:
+    def add(self, time_s: float, pose: Float[np.ndarray, "7"]) -> None:
         """Add a pose; they may come in any order."""
         self.times_s.append(time_s)
-        self.xyz_m.append(xyz_m)
-        self.quaternions.append(quaternion)
+        self.poses.append(pose)
         self._order = None
 
     def at(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
@@ -52,25 +50,25 @@ class Track:
         if not len(order):
             return None
         if self.static:
-            first = int(order.min())
-            return tum_matrix(self.xyz_m[first], self.quaternions[first])
+            first = self.poses[int(order.min())]
+            return tum_matrix(first[:3], first[3:])
         after = int(np.searchsorted(times, time_s))
         low, high = max(after - 1, 0), min(after, len(times) - 1)
         if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > GAP_S:
             return None
-        low_xyz, high_xyz = self.xyz_m[order[low]], self.xyz_m[order[high]]
-        rotations = Rotation.from_quat([self.quaternions[order[low]], self.quaternions[order[high]]])
+        before, behind = self.poses[order[low]], self.poses[order[high]]
+        rotations = Rotation.from_quat([before[3:], behind[3:]])
         span = times[high] - times[low]
         share = float(np.clip((time_s - times[low]) / span, 0.0, 1.0)) if span > 0.0 else 0.0
         turned = rotations[0] * Rotation.from_rotvec(share * (rotations[0].inv() * rotations[1]).as_rotvec())
-        return rigid_transform(turned.as_matrix().ravel(), low_xyz + share * (high_xyz - low_xyz))
+        return rigid_transform(turned.as_matrix().ravel(), before[:3] + share * (behind[:3] - before[:3]))
 
     def _usable(self) -> Int64[np.ndarray, " n"]:
         """Indices of the valid poses in the order of their times; a warning counts the others."""
-        xyz = np.array(self.xyz_m).reshape(-1, 3)
+        poses = np.array(self.poses).reshape(-1, 7)
         with np.errstate(over="ignore"):
-            lengths = np.linalg.norm(np.array(self.quaternions).reshape(-1, 4), axis=1)
-        good = (np.abs(lengths - 1.0) <= _NO_UNIT) & (np.abs(xyz) <= FARTHEST_M).all(axis=1)
+            lengths = np.linalg.norm(poses[:, 3:], axis=1)
+        good = (np.abs(lengths - 1.0) <= _NO_UNIT) & (np.abs(poses[:, :3]) <= FARTHEST_M).all(axis=1)
         if not good.all():
             _logger.warning(
                 "%d of %d poses of %s are left out, because they are no poses (the first at %.9g s): a quaternion of "
@@ -93,22 +91,13 @@ class FrameTree:
     track: dict[str, Track] = field(default_factory=dict)
     """By the child's name."""
 
-    def add(
-        self,
-        parent: str,
-        child: str,
-        time_s: float,
-        xyz_m: Float[np.ndarray, "3"],
-        quaternion: Float[np.ndarray, "4"],
-        *,
-        static: bool,
-    ) -> None:
-        """Add a pose of ``child`` in ``parent``."""
+    def add(self, parent: str, child: str, time_s: float, pose: Float[np.ndarray, "7"], *, static: bool) -> None:
+        """Add a pose of ``child`` in ``parent``, as :attr:`Track.poses`."""
         parent, child = parent.lstrip("/"), child.lstrip("/")
         known = self.parents.setdefault(child, [])
         if parent not in known:
             known.append(parent)
-        self.track.setdefault(child, Track(f"the frame '{child}'", static=static)).add(time_s, xyz_m, quaternion)
+        self.track.setdefault(child, Track(f"the frame '{child}'", static=static)).add(time_s, pose)
 
     def chain(self, frame: str) -> list[str]:
         """The frame and its ancestors, up to the root; raises ValueError where they are no chain."""

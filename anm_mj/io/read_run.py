@@ -198,7 +198,10 @@ def _frame(line: FrameShape) -> FrameRecord:
     # The file has true poses only where they differ from the believed ones.
     true = line.true or line
     believed_camera, true_camera = (np.array(where.T_world_camera, dtype=np.float64) for where in (line, true))
-    return FrameRecord(line.step, line.time_s, _pose(line), believed_camera, _pose(true), true_camera)
+    found = line.localisation
+    is_lost, is_mapped = found is not None and found.state == "LOST", found is None or found.usable
+    poses = _pose(line), believed_camera, _pose(true), true_camera
+    return FrameRecord(line.step, line.time_s, *poses, is_lost=is_lost, is_mapped=is_mapped)
 
 
 def _step(line: StepShape) -> StepRecord:

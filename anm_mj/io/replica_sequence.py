@@ -53,7 +53,6 @@ def read_replica(folder: Path) -> Sequence:
         )
     say_left_out(folder, min(len(poses), len(colour)), len(colour), "traj.txt has no pose for them")
     frames = (
-        Frame(index * FRAME_S, *images, pose)
-        for index, (*images, pose) in enumerate(zip(colour, depth, poses, strict=False))
+        Frame(index * FRAME_S, colour[index], depth[index], pose) for index, pose in enumerate(poses[: len(colour)])
     )
     return Sequence(folder, camera, 1.0 / facts.scale, tuple(frames), resize=True)

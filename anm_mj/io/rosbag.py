@@ -120,25 +120,24 @@ class _Bag(BagReader):
         say_left_out(self.path, len(single), len(depths), "their depth has the time of another one")
         pairs = _pairs(sorted(single.values()), colours)
         say_left_out(self.path, len(pairs), len(single), f"no colour is within {MATCH_S:g} s of their depth")
-        frames = []
-        for depth_stamp, colour_stamp in pairs:
-            T = pose_at(depth_stamp.time_s)
-            if T is not None:
-                frames.append(
-                    Frame(
-                        depth_stamp.time_s - pairs[0][0].time_s,
-                        self.later(colour, colour_stamp, colour_image),
-                        self.later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
-                        T,
-                    )
-                )
+        frames = [
+            Frame(
+                depth_stamp.time_s - pairs[0][0].time_s,
+                self.later(colour, colour_stamp, colour_image),
+                self.later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
+                T,
+            )
+            for depth_stamp, colour_stamp in pairs
+            if (T := pose_at(depth_stamp.time_s)) is not None
+        ]
         say_left_out(self.path, len(frames), len(pairs), "no pose of the camera is known at their time")
         return Sequence(self.path, intrinsics, self.depth_unit_m, tuple(frames), resize=True)
 
     def _image_topic(self, role: str) -> str:
         """The topic of colour or depth: the one that was named, or the only one whose first image is of that kind."""
         fit = [topic for topic in self.of_type(*_IMAGES) if encoding_of(self.first(topic)) == role]
-        return self.chosen(role, fit, _raw_first(fit))
+        # .../image_raw/compressed is the twin of .../image_raw.
+        return self.chosen(role, fit, [topic for topic in fit if topic.rpartition("/")[0] not in fit])
 
     def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> Intrinsics:
         """As the user says; else of the calibration beside the depth, or of the only one that has its frame."""
@@ -181,8 +180,7 @@ class _Bag(BagReader):
         fit = self.of_type(*_POSES)
         named = self.topics.get("pose")
         try:
-            moving = named in (None, _TF) and tree.moves(camera_frame)
-            if moving:
+            if named in (None, _TF) and tree.moves(camera_frame):
                 root = tree.chain(camera_frame)[-1]
                 return lambda time_s: tree.pose(camera_frame, root, time_s)
             if named == _TF or (named is None and not fit and tree.parents):
@@ -218,9 +216,8 @@ class _Bag(BagReader):
         for topic in self.of_type(*_TRANSFORMS):
             for message in self.messages(topic):
                 for one in message.transforms:
-                    xyz, quaternion = _vector(one.transform.translation), _quaternion(one.transform.rotation)
-                    parent, child = one.header.frame_id, one.child_frame_id
-                    tree.add(parent, child, _time_s(one.header), xyz, quaternion, static=topic.endswith("static"))
+                    pose, parent = _pose(one.transform.translation, one.transform.rotation), one.header.frame_id
+                    tree.add(parent, one.child_frame_id, _time_s(one.header), pose, static=topic.endswith("static"))
         return tree
 
     def _track(self, topic: str) -> tuple[Track, str | None]:
@@ -231,23 +228,18 @@ class _Bag(BagReader):
         track, moved = Track(topic), set()
         for message in self.messages(topic):
             if hasattr(message, "transform"):
-                xyz, quaternion = message.transform.translation, message.transform.rotation
+                pose = _pose(message.transform.translation, message.transform.rotation)
             else:
-                pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-                xyz, quaternion = pose.position, pose.orientation
+                stated = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+                pose = _pose(stated.position, stated.orientation)
             moved.add(getattr(message, "child_frame_id", None))
-            track.add(_time_s(message.header), _vector(xyz), _quaternion(quaternion))
+            track.add(_time_s(message.header), pose)
         if len(moved) > 1:
             raise ValueError(f"{topic} tells of several: {', '.join(sorted(map(repr, moved)))}")
         (frame,) = moved or {None}
         if frame == "" and "pose" not in self.topics:
             raise ValueError(f"{topic} does not say of which frame it tells")
         return track, frame or None
-
-
-def _raw_first(topics: list[str]) -> list[str]:
-    """Without the compressed twins of raw images: ``.../image_raw`` and ``.../image_raw/compressed`` are the same."""
-    return [topic for topic in topics if topic.rpartition("/")[0] not in topics]
 
 
 def _folders(topic: str) -> tuple[str, ...]:
@@ -266,9 +258,5 @@ def _time_s(header: Any) -> float:
     return header.stamp.sec + header.stamp.nanosec * 1e-9
 
 
-def _vector(xyz: Any) -> Float[np.ndarray, "3"]:
-    return np.array([xyz.x, xyz.y, xyz.z], dtype=np.float64)
-
-
-def _quaternion(q: Any) -> Float[np.ndarray, "4"]:
-    return np.array([q.x, q.y, q.z, q.w], dtype=np.float64)
+def _pose(xyz: Any, q: Any) -> Float[np.ndarray, "7"]:
+    return np.array([xyz.x, xyz.y, xyz.z, q.x, q.y, q.z, q.w], dtype=np.float64)

@@ -111,6 +111,11 @@ class RunFolder:
         return self.path / "trajectory.tum"
 
     @property
+    def true_trajectory(self) -> Path:
+        """True base poses in TUM format, where they differ from the believed ones."""
+        return self.path / "trajectory_true.tum"
+
+    @property
     def mesh(self) -> Path:
         """The coloured mesh of the neural map."""
         return self.path / "mesh.ply"

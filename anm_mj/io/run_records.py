@@ -24,6 +24,10 @@ class FrameRecord:
     """True pose of the robot."""
     T_true_camera: Float[np.ndarray, "4 4"]
     """True pose of its camera."""
+    is_lost: bool = False
+    """Whether localisation did not know the pose."""
+    is_mapped: bool = True
+    """Whether the pose was good enough for the map."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,13 @@ class PoseShape(Struct):
     T_world_camera: tuple[Row, Row, Row, Row]
 
 
+class LocalisationShape(Struct):
+    """What localisation said of a frame, as far as it is read again."""
+
+    state: str
+    usable: bool
+
+
 class FrameShape(PoseShape):
     """A line of ``frames.jsonl``."""
 
@@ -30,6 +37,8 @@ class FrameShape(PoseShape):
     time_s: Number
     true: PoseShape | None = None
     """Only where it differs from the believed one."""
+    localisation: LocalisationShape | None = None
+    """Only where the pose was estimated."""
 
 
 class StepShape(Struct):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import FREE, OCCUPIED
 
 REACH_M = 0.02
@@ -42,7 +42,7 @@ class Agreement:
         return confirmed / (confirmed + contradicted) if confirmed + contradicted else 0.0
 
 
-def agreement(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], occupancy: OccupancyGrid) -> Agreement:
+def agreement(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], occupancy: DepthOccupancy) -> Agreement:
     """Compare a frame's points at a camera pose with the occupancy grid."""
     origin = T_world_camera[:3, 3]
     world = points.camera_m @ T_world_camera[:3, :3].T + origin

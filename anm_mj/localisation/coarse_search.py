@@ -1,8 +1,8 @@
 """Where in the map a frame could have been taken: all places and headings, scored by the distance to occupied voxels.
 
 The field's own basin is small (10 cm, 4 degrees), so a camera that is lost is first looked for here. The camera's
-height and tilt are known; what is searched are x, y and the heading. A point scores by its distance to the nearest occupied
-voxel, truncated; a point in unknown space by a constant.
+height and tilt are known; what is searched are x, y and the heading. A point scores by its distance to the nearest
+occupied voxel, truncated; a point in unknown space by a constant.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 from scipy import ndimage
 
-from anm_mj.localisation.config import RelocalisationConfig
+from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 
@@ -45,7 +45,7 @@ def distance_grid(
     """
     pool = max(1, round(config.cell_m / grid.resolution_m))
     edge = pool * grid.resolution_m
-    shape = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
+    shape: tuple[int, ...] = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
     state = np.full(shape, UNKNOWN, np.int8)
     state[tuple(slice(side) for side in grid.state.shape)] = grid.state
     layers, rows, cols = (side // pool for side in shape)
@@ -54,7 +54,7 @@ def distance_grid(
     unknown = (blocks == UNKNOWN).all(axis=(1, 3, 5))
     distance = np.full(occupied.shape, config.truncation_m, np.float32)
     if occupied.any():
-        found = ndimage.distance_transform_edt(~occupied) * edge
+        found = np.asarray(ndimage.distance_transform_edt(~occupied)) * edge
         np.minimum(distance, found, out=distance)
     # Next to a surface the unknown begins; what lies deeper says nothing.
     distance[unknown] = np.minimum(distance[unknown], config.unknown_m)

@@ -12,16 +12,16 @@ from jaxtyping import Bool, Float
 
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
-from anm_mj.localisation.config import LocalisationConfig
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
-from anm_mj.types import Observation, Pose2, TrainingEffort
+from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -57,8 +57,8 @@ class FieldLocaliser:
             neural_map: What frames are registered to, and are mapped into by somebody else.
             config: Settings.
             seed: What the choice of points comes from.
-            planar: Whether the camera moves with a base on the floor (x, y, yaw) at the observations' height and tilt, or
-                freely.
+            planar: Whether the camera moves with a base on the floor (x, y, yaw), at the height and tilt of the
+                observations, or freely.
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
             lost: Whether there is a map already, in which of the first pose only height and tilt are known.
@@ -98,12 +98,9 @@ class FieldLocaliser:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
-            if self._num_frames == 1:
-                # The map has not seen the sensor yet.
-                self._key_images.add(observation, inverse_depth_noise(observation.depth_m) or 0.0)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
-        noise = self._map.observed.depth_noise_per_m
+        noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
         points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
@@ -113,7 +110,7 @@ class FieldLocaliser:
             return self._look_for(observation, prior, points)
         extra = self._extra(points, prior, noise)
         found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
-        fits = agreement(points, found.T_world_camera, self._map.observed)
+        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         self._agreement = fits.share
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -125,8 +122,12 @@ class FieldLocaliser:
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 
+    def integrate(self, estimate: PoseEstimate) -> MapUpdate:
+        """Take a usable frame into the map; see the protocol."""
+        return self._map.integrate(estimate.observation, self.effort(estimate))
+
     def effort(self, estimate: PoseEstimate) -> TrainingEffort:
-        """How much to train on a usable frame; see the protocol.
+        """How much to train on a usable frame.
 
         The first frames decide all later drift: they are trained on longer. Frames that show much that the map does not
         know yet become keyframes sooner, or the next frame would be registered to what only one batch has shown.
@@ -139,7 +140,11 @@ class FieldLocaliser:
         is_keyframe = self._since_keyframe >= (tracking.fresh_keyframe_every if fresh else tracking.keyframe_every)
         if is_keyframe:
             self._since_keyframe = 0
-            self._key_images.add(estimate.observation, self._map.observed.depth_noise_per_m)
+            noise = self._map.occupancy.by_depth.noise.value
+            if not math.isfinite(noise):
+                # The map has not seen the sensor yet.
+                noise = inverse_depth_noise(estimate.observation.depth_m) or 0.0
+            self._key_images.add(estimate.observation, noise)
         iterations = tracking.young_iterations if fresh else tracking.iterations
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
@@ -158,7 +163,7 @@ class FieldLocaliser:
                 np.sum([part.hessian for part in parts], axis=0),
                 np.sum([part.gradient for part in parts], axis=0),
                 sum(part.cost for part in parts) / len(parts),
-                sum(part.count for part in parts) / len(parts),
+                sum(part.num_points for part in parts) / len(parts),
             )
 
         return equations
@@ -168,9 +173,15 @@ class FieldLocaliser:
         neural_map, finder = self._map, self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
-        grid = neural_map.observed.grid
+        grid = neural_map.occupancy.by_depth.grid
         believed = finder.look(
-            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, neural_map.observed, grid
+            points,
+            prior.T_world_camera,
+            self._basis,
+            neural_map.backend.align,
+            self._known,
+            neural_map.occupancy.by_depth,
+            grid,
         )
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
@@ -199,7 +210,7 @@ class FieldLocaliser:
         )
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        return self._map.observed.near_occupied(points_m, REACH_M)
+        return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
 
     def _predicted(
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool

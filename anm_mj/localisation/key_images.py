@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 from scipy import ndimage
 
-from anm_mj.localisation.config import KeyImageConfig
+from anm_mj import _native
+from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
-from anm_mj.utils.native_functions import native_function
 
 _MOST_TRIED, _LATEST_TRIED = 12, 3
 """Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
@@ -110,7 +110,7 @@ class KeyImages:
             del self.images[1 + int(np.argmin((apart + turned)[:-1]))]
 
     def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
-        """The oldest images that show enough of a frame's points, as they drifted least, and the latest that shows most."""
+        """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most."""
         config = self.config
         if not self.images:
             return []
@@ -140,9 +140,6 @@ class KeyImages:
     ) -> Sums:
         """Sums over a frame's points against an image, by displacement and rotation in the world."""
         config = self.config
-        function = native_function("frame_to_frame")
-        if function is None:
-            return Sums(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0)
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
             [
@@ -156,7 +153,7 @@ class KeyImages:
                 image.radius_px + 1,
             ]
         )
-        hessian, gradient, facts = function(
+        hessian, gradient, facts = _native.frame_to_frame(
             points.camera_m,
             np.ascontiguousarray(gray_values(points.rgb)),
             points.variance_m2,

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.types import Observation, TrainingEffort
+from anm_mj.types import MapUpdate, Observation
 
 
 class TrackingState(StrEnum):
@@ -81,6 +81,10 @@ class Localiser(Protocol):
         """
         ...
 
-    def effort(self, estimate: PoseEstimate) -> TrainingEffort | None:
-        """How much to train on a usable frame; None for what the map's schedule says."""
+    def integrate(self, estimate: PoseEstimate) -> MapUpdate:
+        """Take a usable frame into the map, with as much training as localisation needs.
+
+        Raises:
+            MapError: The map cannot be trained any further.
+        """
         ...

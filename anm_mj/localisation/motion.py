@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.config import MotionConfig
+from anm_mj.localisation.localisation_config import MotionConfig
 from anm_mj.localisation.registration import Prior
 from anm_mj.localisation.se3 import rotation_vector, skew
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from anm_mj.localisation.config import RegistrationConfig
 from anm_mj.localisation.frame_points import with_trust
+from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
@@ -29,7 +29,7 @@ class Sums(NamedTuple):
     gradient: Float64[np.ndarray, "6"]
     cost: float
     """Robust cost, in squared standard deviations."""
-    count: float
+    num_points: float
     """Points that took part; the others cost as much as the worst of outliers."""
 
 
@@ -111,7 +111,7 @@ def register(
         if extra is not None:
             more = extra(points, T, settings.kernel)
             full, slope = full + more.hessian, slope + more.gradient
-            cost += more.cost + (len(points) - more.count) * worst
+            cost += more.cost + (len(points) - more.num_points) * worst
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
 
     iteration = 0

@@ -15,11 +15,11 @@ from jaxtyping import Float
 
 from anm_mj.localisation.agreement import agreement
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
-from anm_mj.localisation.config import LocalisationConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
 from anm_mj.localisation.se3 import camera_motion
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import VoxelGrid
 
 _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
@@ -70,7 +70,7 @@ class Relocaliser:
         basis: Float[np.ndarray, "6 k"],
         align: Aligner,
         known: Known,
-        occupancy: OccupancyGrid,
+        occupancy: DepthOccupancy,
         grid: VoxelGrid,
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
@@ -115,7 +115,7 @@ class Relocaliser:
         basis: Float[np.ndarray, "6 k"],
         align: Aligner,
         known: Known,
-        occupancy: OccupancyGrid,
+        occupancy: DepthOccupancy,
     ) -> None:
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
         found = register(points, prior, align, known, self.config.relocalisation.registration(self.config.registration))

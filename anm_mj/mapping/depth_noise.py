@@ -14,6 +14,8 @@ import math
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from anm_mj.sensing.pixel_state import is_measured
+
 _LINES = 64
 """So many rows and columns are looked at: the median of some thousand values is good to a few percent."""
 _FIRST_IMAGES, _IMAGE_EVERY = 8, 8
@@ -41,8 +43,7 @@ def _noise_along_columns(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
     rows, cols = (max(1, side // _LINES) for side in depth_m.shape)
     count = max((depth_m.shape[0] + rows - 3) // rows, 0)
     above, middle, below = (depth_m[start::rows, ::cols][:count] for start in range(3))
-    measured = np.isfinite(above) & np.isfinite(middle) & np.isfinite(below)
-    measured &= (above > 0.0) & (middle > 0.0) & (below > 0.0)
+    measured = is_measured(above) & is_measured(middle) & is_measured(below)
     if np.count_nonzero(measured) < _LEAST_TRIPLES:
         return None
     above, middle, below = (1.0 / depth[measured].astype(np.float64) for depth in (above, middle, below))
@@ -72,10 +73,10 @@ class NoiseMean:
             self._sum += noise
             self._count += 1
 
-    def get_state(self) -> Float64[np.ndarray, "3"]:
+    def array(self) -> Float64[np.ndarray, "3"]:
         """Sum and number of the figures, and number of images."""
         return np.array([self._sum, self._count, self._num_images], np.float64)
 
-    def set_state(self, state: Float64[np.ndarray, "3"]) -> None:
-        """Take over what ``get_state`` gave."""
-        self._sum, self._count, self._num_images = float(state[0]), int(state[1]), int(state[2])
+    def set_array(self, array: Float64[np.ndarray, "3"]) -> None:
+        """Take over what :meth:`array` gave."""
+        self._sum, self._count, self._num_images = float(array[0]), int(array[1]), int(array[2])

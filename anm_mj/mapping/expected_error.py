@@ -10,7 +10,12 @@ training uses.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
+
+from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.last_layer import last_layer_variance, observation_density
+from anm_mj.types import SurfaceErrors
 
 SCALE_M = 0.0014
 """Reducible part of the expected error at a variance of 1 [m]; the constant beside it is 0.0018 m."""
@@ -18,10 +23,18 @@ EXPONENT = 0.54
 """The reducible part grows with this power of the variance."""
 
 
-def reducible_error_m(variance: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-    """The part of the expected error that more observations can take away [m].
+def expected_errors(
+    backend: MapperBackend, occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"], density_exponent: float
+) -> SurfaceErrors:
+    """The part of the expected error at surface points [m] that more observations can take away.
 
     Args:
-        variance: Last-layer variance over the observation count (:mod:`anm_mj.mapping.last_layer`).
+        backend: The engine that holds the parameters.
+        occupancy: What was observed, and how densely.
+        points_m: World points on the surface [m].
+        density_exponent: As in the schedule that the map was trained by.
     """
-    return (SCALE_M * variance**EXPONENT).astype(np.float32)
+    variance = last_layer_variance(backend, occupancy, points_m, density_exponent)
+    error_m = (SCALE_M * variance**EXPONENT).astype(np.float32)
+    count = observation_density(occupancy, points_m).astype(np.float32)
+    return SurfaceErrors(points_m, error_m, count, (1.0 - density_exponent) * EXPONENT)

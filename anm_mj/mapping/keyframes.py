@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, Shaped
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.pixel_memory import PIXEL, HostPixels, PixelMemory, pack
-from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, camera_row, sample_frame
+from anm_mj.mapping.packed_pixels import PIXEL, pack, ray_batches
+from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, camera_row, part, sample_frame
+from anm_mj.sensing.pixel_state import valid_pixels
 from anm_mj.types import Observation
 
 _MOST_PIXELS = 1 << 26
 """No image has more."""
+_WHOLE = np.dtype(("V", PIXEL.itemsize))
+"""A pixel that is copied as a whole."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class Keyframes:
     """Pixels of some keyframes, and the cameras that saw them."""
 
     pixels: Shaped[np.ndarray, " p"]
-    """Of type :data:`~anm_mj.mapping.pixel_memory.PIXEL`, those of each keyframe in random order."""
+    """Of type :data:`~.packed_pixels.PIXEL`, those of each keyframe in random order."""
     num_pixels: Int64[np.ndarray, " k"]
     """Pixels of each keyframe; one at least."""
     cameras: Float32[np.ndarray, "k 17"]
@@ -86,20 +88,20 @@ class KeyframeStore:
     ones bring as few, so that all places keep being replayed, each at a lower density.
     """
 
-    REBUILT = ("_memory",)
+    REBUILT = ("_pixels", "_cameras")
 
-    def __init__(
-        self, limit_bytes: int, pixel_share: float, make_memory: Callable[[int], PixelMemory] = HostPixels
-    ) -> None:
+    def __init__(self, limit_bytes: int, pixel_share: float) -> None:
         """An empty store.
 
         Args:
             limit_bytes: Memory for pixels [bytes].
             pixel_share: Share of a keyframe's pixels to keep, in (0, 1].
-            make_memory: Makes room for so many pixels.
         """
         self._share = pixel_share
-        self._memory = make_memory(limit_bytes // PIXEL.itemsize)
+        # One array for all, so that a batch is one look-up however many frames there are. The system hands out its
+        # memory only as it is written to.
+        self._pixels = np.empty(limit_bytes // PIXEL.itemsize, PIXEL)
+        self._cameras = np.zeros((0, CAMERA_NUMBERS), np.float32)
         self._start = np.zeros(1, np.int64)
 
     def __len__(self) -> int:
@@ -124,27 +126,28 @@ class KeyframeStore:
         Raises:
             MapError: If not even one pixel of each keyframe fits.
         """
-        measured = ~np.isnan(observation.depth_m)
+        measured = valid_pixels(observation)
         count = max(1, round(self._share * int(measured.sum())))
         # In random order, so that cutting the tail off is a fair thinning.
         if weight is None:
             pixel = rng.permutation(np.flatnonzero(measured))[:count]
         else:
             pixel = rng.permutation(_drawn(np.where(measured, weight, np.float32(0.0)), count, rng))
-        while self._start[-1] + count > len(self._memory) and count > 1:
+        while self._start[-1] + count > len(self._pixels) and count > 1:
             self._thin()
             count = max(1, count // 2)
         begin = int(self._start[-1])
-        if begin + count > len(self._memory):
+        end = begin + count
+        if end > len(self._pixels):
             raise MapError(f"{len(self)} keyframes of one pixel fill the replay store; raise schedule.replay_bytes.")
-        self._memory.add_keyframe(begin, pack(observation, pixel[:count]), camera_row(observation))
-        self._start = np.append(self._start, begin + count)
+        self._pixels[begin:end].view(_WHOLE)[:] = pack(observation, pixel[:count]).view(_WHOLE)
+        self._cameras = np.concatenate((self._cameras, camera_row(observation)[None]))
+        self._start = np.append(self._start, end)
 
     def keyframes(self, first: int | None = None) -> Keyframes:
-        """The oldest ``first`` keyframes, or all; perhaps views."""
+        """The oldest ``first`` keyframes, or all; views."""
         first = len(self) if first is None else first
-        pixels, cameras = self._memory.first(int(self._start[first]))
-        return Keyframes(pixels, self.num_pixels[:first], cameras[:first])
+        return Keyframes(self._pixels[: self._start[first]], self.num_pixels[:first], self._cameras[:first])
 
     def replace(self, first: int, keyframes: Keyframes) -> None:
         """Put other keyframes in the place of the oldest ``first`` ones.
@@ -156,23 +159,27 @@ class KeyframeStore:
         rest = every.pixels[int(self._start[first]) :], self.num_pixels[first:], every.cameras[first:]
         pixels = np.concatenate((keyframes.pixels, rest[0]))
         self._start = np.concatenate((np.zeros(1, np.int64), np.cumsum(np.append(keyframes.num_pixels, rest[1]))))
-        self._memory.replace(pixels, np.concatenate((keyframes.cameras, rest[2])))
+        self._fill(pixels, np.concatenate((keyframes.cameras, rest[2])))
 
-    def checkpoint_state(self) -> tuple[np.ndarray, np.ndarray]:
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels and cameras, for a checkpoint."""
-        return self._memory.first(int(self._start[-1]))
+        return self._pixels[: self._start[-1]], self._cameras
 
-    def restore_state(self, state: tuple[np.ndarray, np.ndarray]) -> None:
-        """Take over what :meth:`checkpoint_state` gave.
+    def set_state(self, state: tuple[np.ndarray, np.ndarray]) -> None:
+        """Take over what :meth:`get_state` gave.
 
         Raises:
-            MapError: It was not given so, or has no place in this memory.
+            MapError: It was not given so, or has no place in this store.
         """
         pixels, cameras = state
         stored = Keyframes.of(Keyframes(pixels, self.num_pixels, cameras).arrays())
-        if len(stored.pixels) > len(self._memory):
-            raise MapError(f"{len(stored.pixels)} stored pixels are more than the replay store holds.")
-        self._memory.replace(stored.pixels, stored.cameras)
+        self._fill(stored.pixels, stored.cameras)
+
+    def _fill(self, pixels: Shaped[np.ndarray, " p"], cameras: Float32[np.ndarray, "k 17"]) -> None:
+        if len(pixels) > len(self._pixels):
+            raise MapError(f"{len(pixels)} stored pixels are more than the replay store holds, {len(self._pixels)}.")
+        self._pixels[: len(pixels)] = pixels
+        self._cameras = cameras
 
     def _thin(self) -> None:
         """Give up half of every keyframe's pixels, now and in those to come."""
@@ -181,12 +188,12 @@ class KeyframeStore:
         start = np.concatenate((np.zeros(1, np.int64), np.cumsum(kept)))
         # Forwards, each to a place before its own, so that nothing is overwritten before it has moved.
         for old, new, count in zip(self._start[:-1].tolist(), start[:-1].tolist(), kept.tolist(), strict=True):
-            self._memory.move(old, new, count)
+            self._pixels[new : new + count] = self._pixels[old : old + count]
         self._start = start
 
     def batches(
         self, count: int, num_stored: int, observation: Observation, num_current: int, rng: np.random.Generator
-    ) -> Iterator[RayBatch]:
+    ) -> list[RayBatch]:
         """Draw the rays of ``count`` training steps in one go, because its price hardly depends on their number.
 
         Args:
@@ -201,7 +208,9 @@ class KeyframeStore:
         place = self._start[keyframe] + (position * self.num_pixels[keyframe]).astype(np.int64)
         current = sample_frame(observation, count * num_current, rng)
         shape = (count, num_stored)
-        return self._memory.batches(place.reshape(shape), keyframe.reshape(shape), current)
+        rays = ray_batches(self._pixels, self._cameras, place.reshape(shape), keyframe.reshape(shape), current)
+        size = num_stored + num_current
+        return [part(rays, k * size, size) for k in range(count)]
 
 
 def _drawn(weight: Float32[np.ndarray, "h w"], count: int, rng: np.random.Generator) -> Int64[np.ndarray, " count"]:

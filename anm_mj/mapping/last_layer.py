@@ -2,7 +2,7 @@
 
 The observation count of a place is the number of pixels of all frames that fell on it; near, frontal and repeated views
 all add to it. The variance of an estimate from n pixels falls as 1 / n, and training uses n^(1 - density_exponent) of
-the n pixels of a place (:class:`~anm_mj.mapping.config.ScheduleConfig`). The posterior of the last layer (Laplace's
+the n pixels of a place (``mapping.schedule``). The posterior of the last layer (Laplace's
 approximation; Daxberger et al., Laplace Redux, NeurIPS 2021) gives the leverage: with phi the hidden features at a
 point and A their mean outer product over the training data, the variance of s is proportional to phi^T A^-1 phi. It is
 large where features are unlike those of the training data.
@@ -18,7 +18,7 @@ from jaxtyping import Float, Float32, Float64
 from scipy.ndimage import map_coordinates
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import OCCUPIED
 
 PRIOR_OBSERVATIONS = 0.1
@@ -32,7 +32,7 @@ _MAX_VOXELS = 4_000_000
 
 
 def last_layer_variance(
-    backend: MapperBackend, occupancy: OccupancyGrid, points_m: Float[np.ndarray, "n 3"], density_exponent: float
+    backend: MapperBackend, occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"], density_exponent: float
 ) -> Float32[np.ndarray, " n"]:
     """Variance of s at world points [m] by leverage and observation count, up to a constant factor.
 
@@ -48,16 +48,16 @@ def last_layer_variance(
     )
 
 
-def observation_density(occupancy: OccupancyGrid, points_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+def observation_density(occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
     """Observations per voxel at world points [m], interpolated between voxel centres; 0 outside the grid."""
-    if not occupancy.num_hits.size:
+    if not occupancy.voxels.num_hits.size:
         return np.zeros(len(points_m))
-    voxels = points_m / occupancy.config.voxel_m - occupancy.corner
-    return map_coordinates(occupancy.num_hits, voxels[:, ::-1].T, np.float64, order=1, mode="constant")
+    voxels = points_m / occupancy.config.voxel_m - occupancy.voxels.corner
+    return map_coordinates(occupancy.voxels.num_hits, voxels[:, ::-1].T, np.float64, order=1, mode="constant")
 
 
 def leverage(
-    backend: MapperBackend, occupancy: OccupancyGrid, points_m: Float[np.ndarray, "n 3"], density_exponent: float
+    backend: MapperBackend, occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"], density_exponent: float
 ) -> Float64[np.ndarray, " n"]:
     """Variance of s at world points [m] under the posterior of the SDF decoder's last layer, for one pixel.
 
@@ -73,15 +73,15 @@ def leverage(
     return ((hidden @ (axes[:, telling] / np.sqrt(spread[telling]))) ** 2).sum(axis=1)
 
 
-def _trained_on(occupancy: OccupancyGrid, density_exponent: float) -> Float64[np.ndarray, "n 3"]:
+def _trained_on(occupancy: DepthOccupancy, density_exponent: float) -> Float64[np.ndarray, "n 3"]:
     """World centres of occupied voxels [m], at even intervals of the training data in the grid's order."""
     # A large grid is subsampled; an odd interval takes voxels from all rows and columns.
-    every = occupancy.num_hits.size // _MAX_VOXELS | 1
+    every = occupancy.voxels.num_hits.size // _MAX_VOXELS | 1
     occupied = np.flatnonzero(occupancy.grid.state.reshape(-1)[::every] == OCCUPIED) * every
     if not len(occupied):
         return np.zeros((0, 3))
-    count = occupancy.num_hits.reshape(-1)[occupied].astype(np.float64)
+    count = occupancy.voxels.num_hits.reshape(-1)[occupied].astype(np.float64)
     ends = np.cumsum(count ** (1.0 - density_exponent))
     drawn = np.searchsorted(ends, (np.arange(_NUM_PLACES) + 0.5) * (ends[-1] / _NUM_PLACES))
-    voxels = np.stack(np.unravel_index(occupied[drawn], occupancy.num_hits.shape), axis=1)[:, ::-1]
-    return (voxels + occupancy.corner) * occupancy.config.voxel_m
+    voxels = np.stack(np.unravel_index(occupied[drawn], occupancy.voxels.num_hits.shape), axis=1)[:, ::-1]
+    return (voxels + occupancy.voxels.corner) * occupancy.config.voxel_m

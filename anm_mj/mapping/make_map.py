@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import MAPPING_PRESETS
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
 
 
@@ -11,7 +11,7 @@ def make_map(preset: str = "default", *, seed: int = 0, device: str = "auto") ->
     """An empty neural map; ``integrate`` it with observations.
 
     Args:
-        preset: mapping effort: a key of :data:`anm_mj.mapping.config.MAPPING_PRESETS`.
+        preset: mapping effort: a key of :data:`anm_mj.mapping.mapping_config.MAPPING_PRESETS`.
         seed: of start values, rays and jitter.
         device: ``auto``, ``cpu`` or ``cuda``.
 

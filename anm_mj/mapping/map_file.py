@@ -1,7 +1,4 @@
-"""The file of a neural map: arrays and settings without any code in them, in the safetensors format.
-
-Older versions wrote a ``torch.save`` archive, which stays readable; torch then reads numbers only.
-"""
+"""The file of a neural map: arrays and settings without any code in them, in the safetensors format."""
 
 from __future__ import annotations
 
@@ -14,15 +11,14 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import MappingConfig, config_from_dict
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.field import Field
+from anm_mj.mapping.mapping_config import MappingConfig, config_from_dict
 from anm_mj.utils.files import write_tensors
 from anm_mj.utils.read_file import convert, parse_json, read_tensors
 
 FORMAT = "anm-mj map 3"
 """Marks a map of ours, and its version."""
-FORMER_FORMAT = "anm-mj map 2"
-"""The same of the archives that torch wrote."""
-FORMER_SUFFIX = ".pt"
 _KEY = "anm_mj"
 """The only entry of the file's metadata, a JSON object: several entries would come in any order, so the same map would
 give other bytes."""
@@ -35,8 +31,30 @@ class SavedMap:
     config: MappingConfig
     seed: int
     num_frames: int
-    arrays: dict[str, np.ndarray]
-    """``field.*``, the parameters of the field, and ``occupancy.*``, the voxel grid in log-odds."""
+    parameters: dict[str, np.ndarray]
+    """Of the field, by name; ``field.*`` in the file."""
+    occupancy: dict[str, np.ndarray]
+    """As :meth:`anm_mj.mapping.depth_occupancy.DepthOccupancy.arrays` has it; ``occupancy.*`` in the file."""
+
+    @classmethod
+    def of(cls, field: Field, by_depth: DepthOccupancy) -> SavedMap:
+        """A map as it is now; arrays of the occupancy are views."""
+        return cls(field.config, field.seed, field.num_frames, field.finite_parameters(), by_depth.arrays())
+
+    def fill(self, field: Field, by_depth: DepthOccupancy) -> None:
+        """Put everything into new parts of a map.
+
+        Raises:
+            MapError: It is not what the configuration says, or damaged.
+        """
+        try:
+            field.backend.set_parameters(self.parameters)
+            by_depth.set_arrays(self.occupancy)
+        except (ValueError, KeyError) as err:
+            raise MapError(f"The saved map is damaged ({err}); explore again.") from err
+        schedule = self.config.schedule
+        field.is_trained = max(schedule.first_iterations, schedule.iterations, schedule.final_iterations) > 0
+        field.num_frames = self.num_frames
 
 
 class _About(Struct):
@@ -59,8 +77,11 @@ def write_map(path: Path, saved: SavedMap) -> None:
         "seed": saved.seed,
         "num_frames": saved.num_frames,
     }
-    # Unlike ascontiguousarray, this keeps arrays without axes as they are.
-    arrays = {name: np.asarray(value, order="C") for name, value in saved.arrays.items()}
+    parts = {"field": saved.parameters, "occupancy": saved.occupancy}
+    # Unlike ascontiguousarray, asarray keeps arrays without axes as they are.
+    arrays = {
+        f"{part}.{name}": np.asarray(value, order="C") for part, held in parts.items() for name, value in held.items()
+    }
     write_tensors(path, arrays, {_KEY: json.dumps(about)})
 
 
@@ -72,48 +93,24 @@ def read_map(path: Path) -> SavedMap:
     """
     if not path.is_file():
         raise MapError(f"There is no map at {path}; give the map.safetensors of a run folder.")
-    about, arrays = _read_archive(path) if path.suffix == FORMER_SUFFIX else _read_safetensors(path)
-    try:
-        facts = convert(about, _About)
-    except ValueError as err:
-        raise MapError(f"{path} is damaged ({err}); explore anew.") from err
-    for name, array in arrays.items():
-        # How far a voxel was seen from may be infinite.
-        numbers = array.dtype.kind in "fiub"
-        if not numbers or (name.startswith("field.") and not np.isfinite(array).all()):
-            raise MapError(f"{path} is damaged: {name} holds what are no finite numbers; explore anew.")
-    return SavedMap(config_from_dict(facts.config), facts.seed, facts.num_frames, arrays)
-
-
-def _read_safetensors(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     try:
         facts, arrays = read_tensors(path)
-        about = parse_json(facts.get(_KEY, "{}"))
+        said = parse_json(facts.get(_KEY, "{}"))
     except (OSError, ValueError) as err:
-        raise _unreadable(path) from err
-    _require_format(path, about, FORMAT)
-    return about, arrays
-
-
-def _read_archive(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    import pickle
-
-    import torch
-
+        raise MapError(f"{path} cannot be read as a map; give the map.safetensors of a run folder.") from err
+    if not isinstance(said, dict) or said.get("format") != FORMAT:
+        found = said.get("format") if isinstance(said, dict) else type(said).__name__
+        raise MapError(f"{path} holds {found!r}, not {FORMAT!r}; it was written by another program or version.")
     try:
-        saved: Any = torch.load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, ValueError, EOFError, OSError, pickle.UnpicklingError) as err:
-        raise _unreadable(path) from err
-    _require_format(path, saved, FORMER_FORMAT)
-    return saved, {name: value.numpy() for name, value in saved["arrays"].items()}
-
-
-def _unreadable(path: Path) -> MapError:
-    return MapError(f"{path} cannot be read as a map; give the map.safetensors of a run folder.")
-
-
-def _require_format(path: Path, about: Any, wanted: str) -> None:
-    """Raise a MapError unless a file says that it holds a map of the wanted format."""
-    if not isinstance(about, dict) or about.get("format") != wanted:
-        found = about.get("format") if isinstance(about, dict) else type(about).__name__
-        raise MapError(f"{path} holds {found!r}, not {wanted!r}; it was written by another program or version.")
+        about = convert(said, _About)
+    except ValueError as err:
+        raise MapError(f"{path} is damaged ({err}); explore again.") from err
+    parts: dict[str, dict[str, np.ndarray]] = {"field": {}, "occupancy": {}}
+    for name, array in arrays.items():
+        part, _, inner = name.partition(".")
+        # How far a voxel was seen from may be infinite.
+        if array.dtype.kind not in "fiub" or (part == "field" and not np.isfinite(array).all()):
+            raise MapError(f"{path} is damaged: {name} holds what are no finite numbers; explore again.")
+        parts.setdefault(part, {})[inner] = array
+    config = config_from_dict(about.config)
+    return SavedMap(config, about.seed, about.num_frames, parts["field"], parts["occupancy"])

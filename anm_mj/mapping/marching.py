@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from skimage.measure import marching_cubes
 
-from anm_mj.mapping.lattice import corners_of
 from anm_mj.types import SdfQuery
 
 _MERGE_M = 1e-4
@@ -104,3 +103,11 @@ def merge_vertices(
     faces = merged[faces].reshape(-1, 3)
     a, b, c = faces.T
     return kept, faces[(a != b) & (b != c) & (c != a)]
+
+
+def corners_of(cells: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x1 y1 z1"]:
+    """Corners of lattice cells, on a grid larger by one along each axis."""
+    corners = np.zeros([n + 1 for n in cells.shape], bool)
+    for offset in np.ndindex(2, 2, 2):
+        corners[tuple(slice(a, a + n) for a, n in zip(offset, cells.shape, strict=True))] |= cells
+    return corners

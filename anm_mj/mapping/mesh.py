@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.surface import REACH_VOXELS
 from anm_mj.types import OCCUPIED, SdfQuery
 
@@ -50,7 +50,7 @@ class _Piece:
 class MeshExtractor:
     """Marches cubes over the lattice cells that touch an occupied voxel, and remembers the result piece by piece."""
 
-    def __init__(self, occupancy: OccupancyGrid) -> None:
+    def __init__(self, occupancy: DepthOccupancy) -> None:
         self._occupancy = occupancy
         self._resolution_m = 0.0
         self._pieces: dict[tuple[int, int, int], _Piece] = {}
@@ -75,7 +75,7 @@ class MeshExtractor:
         margin = 1 + math.ceil(resolution_m / self._occupancy.config.voxel_m)
         self._pieces = {}
         for place, stamp in self._touched_places():
-            low = np.array(place) * _PIECE_VOXELS - margin - self._occupancy.corner
+            low = np.array(place) * _PIECE_VOXELS - margin - self._occupancy.voxels.corner
             high = low + _PIECE_VOXELS + 2 * margin
             low, high = np.maximum(low, 0), np.maximum(high, 0)
             voxels = occupied[tuple(map(slice, low, high))]
@@ -83,7 +83,7 @@ class MeshExtractor:
             fingerprint = (stamp, int(np.count_nonzero(voxels)))
             piece = known.get(place)
             if piece is None or piece.fingerprint != fingerprint:
-                corner = low + self._occupancy.corner
+                corner = low + self._occupancy.voxels.corner
                 piece = _Piece(fingerprint, self._triangles(sdf, rgb, voxels, corner, place, resolution_m))
             self._pieces[place] = piece
         self._resolution_m = resolution_m
@@ -91,11 +91,9 @@ class MeshExtractor:
 
     def _touched_places(self) -> list[tuple[tuple[int, int, int], int]]:
         """Parts of space with hits in or next to them, by x, y, z index, and the last frame that hit them."""
-        stamp = self._occupancy.block_stamp
-        layer, row, col = np.nonzero(stamp)
-        block = np.stack((col, row, layer), axis=1) + self._occupancy.corner // BLOCK
+        block, stamp = self._occupancy.blocks_with_hits()
         last: dict[tuple[int, int, int], int] = {}
-        for (x, y, z), frame in zip((block // _GROUP).tolist(), stamp[layer, row, col].tolist(), strict=True):
+        for (x, y, z), frame in zip((block // _GROUP).tolist(), stamp.tolist(), strict=True):
             last[x, y, z] = max(last.get((x, y, z), 0), frame)
         # A voxel on the rim supports faces of cells that belong to the next part.
         for x, y, z in list(last):

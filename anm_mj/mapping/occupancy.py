@@ -1,336 +1,45 @@
-"""Free, occupied and unknown space, fused from depth; it stands beside the neural field, which knows no "unknown".
-
-Carving is conservative: a voxel becomes free only if the smallest depth in its whole pixel footprint lies behind it, so
-a table leg of a few pixels keeps its voxels, and so do the voxels it might hide. A hit weighs as much as several
-misses. Voxel centres lie at multiples of the voxel edge, so that a floor at z = 0 fills one layer and not, at random,
-two.
-"""
+"""Free, occupied and unknown space of a map: depth says what was observed, and field or depth what is solid there."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, Int64, UInt16
+from jaxtyping import Float
 
-from anm_mj.errors import MapError
-from anm_mj.frames import pixel_directions
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.depth_noise import NoiseMean
-from anm_mj.mapping.occupancy_fusion import BLOCK, CameraView, NumpyFusion, VoxelArrays, cells_of
-from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
-from anm_mj.sensing.lost_pixels import vouched_depth
-from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
-from anm_mj.utils.arrays import embed
-from anm_mj.utils.file_limits import limit
-from anm_mj.utils.read_file import array_of
-
-_LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
-"""Blocks that the grid grows by at least, in height and in the plane."""
-_HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
-"""So many frames that contradict it change the state of a voxel of a former run."""
-_FARTHEST_CELL = 1e8
-"""Voxels lie within this number of voxels about the origin."""
-MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
-"""Most voxels of a grid; each takes eight bytes."""
-_HIT_FOCAL_PX = 64.0
-"""Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
-taken from frame to frame."""
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.field_occupancy import FieldOccupancy
+from anm_mj.mapping.mapping_config import MappingConfig
+from anm_mj.types import SdfQuery, VoxelGrid
 
 
-def _check_state(state: dict[str, np.ndarray]) -> None:
-    """Raises ValueError for arrays that are no grid."""
-    shape = array_of(state, "log_odds", "i", (None, None, None)).shape
-    for name, kinds in (("state", "i"), ("num_hits", "iu")):
-        array_of(state, name, kinds, shape)
-    seen = state.get("seen_range_m")
-    if seen is None or seen.dtype.kind != "f" or seen.shape != shape or np.isnan(seen).any():
-        raise ValueError("seen_range_m does not fit log_odds")
-    corner = array_of(state, "corner", "i", (3,))
-    array_of(state, "block_stamp", "i", tuple(cells // BLOCK for cells in shape))
-    if any(cells % BLOCK for cells in shape) or np.abs(corner.astype(float)).max() > _FARTHEST_CELL:
-        raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
-    if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
-        raise ValueError(f"num_frames is {state['num_frames']}")
-    noise = array_of(state, "depth_noise", "f", (3,)) if "depth_noise" in state else np.zeros(3)
-    if not (noise >= 0.0).all():
-        raise ValueError(f"depth_noise is {noise.tolist()}")
+class Occupancy:
+    """The occupancy grid of a map."""
 
+    def __init__(self, config: MappingConfig) -> None:
+        """Unknown space only."""
+        self.by_depth = DepthOccupancy(config.occupancy)
+        """What depth alone says, and how often each place was observed."""
+        # One network without a grid has geometry that is too coarse to drive by.
+        by_field = config.geometry == "field" and config.engine != "mlp"
+        self._by_field = FieldOccupancy(self.by_depth) if by_field else None
 
-class OccupancyGrid:
-    """Voxels ``[layer, row, col]`` = ``[z, y, x]`` with 8-bit log-odds; grows by blocks and keeps what it holds."""
+    def forget_field(self) -> None:
+        """Read everything again where the field decides: it has changed as a whole."""
+        if self._by_field is not None:
+            self._by_field = FieldOccupancy(self.by_depth)
 
-    REBUILT = ("_fusion", "_rays")
-
-    def __init__(self, config: OccupancyConfig, fusion: NumpyFusion | NativeFusion | None = None) -> None:
-        """An empty grid.
+    def grid(
+        self, sdf_m: SdfQuery, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
+        """The grid as of now; views of the arrays within.
 
         Args:
-            config: its settings.
-            fusion: what computes it; None = the native kernels where they were built, else NumPy. Both give the same.
+            sdf_m: The field: signed distance at world points (N, 3) [m], positive in free space.
+            centre_xy_m: See :meth:`anm_mj.mapping.neural_map.NeuralMap.occupancy_grid`.
+            radius_m: See there.
         """
-        self.config = config
-        self._fusion = fusion or native_fusion() or NumpyFusion()
-        self._corner = np.zeros(3, np.int64)
-        shape = (0, 0, 0)
-        self._log_odds = np.zeros(shape, np.int8)
-        self._state = np.zeros(shape, np.int8)
-        self._seen_range_m = np.zeros(shape, np.float32)
-        self._num_hits = np.zeros(shape, np.uint16)
-        self._block_stamp = np.zeros(shape, np.int32)
-        self._column_version = np.zeros((0, 0), np.int32)
-        self._num_frames = 0
-        self._noise = NoiseMean()
-        self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
-
-    @property
-    def grid(self) -> VoxelGrid:
-        """The grid as it stands; its arrays are views, its version is the number of frames.
-
-        A voxel counts as changed when its state did, or when ``seen_range_m`` fell to another whole number of
-        ``SEEN_RANGE_STEP_M``.
-        """
-        origin = (self._corner - 0.5) * self.config.voxel_m
-        return VoxelGrid(
-            self._state, self._seen_range_m, origin, self.config.voxel_m, self._num_frames, self._column_version
-        )
-
-    @property
-    def corner(self) -> Int64[np.ndarray, "3"]:
-        """x, y, z index of cell [0, 0, 0]: its centre in the world in voxel edges; a multiple of ``BLOCK``."""
-        return self._corner
-
-    @property
-    def num_hits(self) -> UInt16[np.ndarray, "layers rows cols"]:
-        """Pixels of all frames that fell into each voxel, up to 65535; images are thinned to 64 px of focal length.
-
-        Near, frontal and repeated views all add to it: it is the sampling density of the surface.
-        """
-        return self._num_hits
-
-    @property
-    def depth_noise_per_m(self) -> float:
-        """What the images say of the sensor: the standard deviation of depth is this times its square [1/m].
-
-        Infinite where no image has told yet.
-        """
-        return self._noise.value
-
-    @property
-    def block_stamp(self) -> Int[np.ndarray, "layers rows cols"]:
-        """For each block, the number of the last frame (from 1) that had a hit in it; 0 where none had."""
-        return self._block_stamp
-
-    @property
-    def surface_volume_m3(self) -> float:
-        """Volume of the blocks that ever had a hit in them [m3]: a measure of the scene that costs nothing to take."""
-        return float(np.count_nonzero(self._block_stamp) * (BLOCK * self.config.voxel_m) ** 3)
-
-    def integrate(
-        self,
-        depth_m: Float32[np.ndarray, "h w"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
-        range_m: float = math.inf,
-    ) -> None:
-        """Fuse one depth image: carve what was looked through, then mark what was hit.
-
-        Args:
-            depth_m: Planar depth [m]; +inf where the sensor looked farther than its range, NaN where it measured
-                nothing.
-            intrinsics: The camera.
-            T_world_camera: Camera to world.
-            range_m: The largest depth that the sensor measures [m].
-
-        Raises:
-            MapError: The grid would have more than ``MAX_VOXELS``.
-        """
-        self._num_frames += 1
-        self._noise.add(depth_m)
-        view = self._view(depth_m, intrinsics, T_world_camera)
-        stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
-        phase = self._num_frames % stride, self._num_frames // stride % stride
-        voxels, hit_depth = self._fusion.hits(view, self.config, phase, stride)
-        low, high = box = self._view_box(view, 0.0)
-        if len(voxels):
-            # Axis by axis: a reduction over many rows of three takes several times as long.
-            low = np.minimum(low, [axis.min() for axis in voxels.T])
-            high = np.maximum(high, [axis.max() for axis in voxels.T])
-        self._grow(low, high)
-        # What looked too far frees the space that the grid has, but the grid does not grow into the sky.
-        low, high = box
-        if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
-            view = view._replace(depth_m=vouched_depth(depth_m, range_m))
-            low, high = self._view_box(view, self.config.carve_range_m)
-        low = np.maximum(low, self._corner)
-        high = np.minimum(high, self._corner + self._state.shape[::-1] - 1)
-        self._fusion.carve(self._arrays, view, self.config, low, high, self._num_frames)
-        self._fusion.mark(self._arrays, voxels, hit_depth, self.config, self._num_frames)
-
-    def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-        """State of the voxels that hold world points; UNKNOWN outside the grid."""
-        return self.state_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
-
-    def state_of(self, voxels: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-        """State of voxels given by x, y, z index; UNKNOWN outside the grid."""
-        inside, cells = cells_of(self._arrays, voxels)
-        out = np.full(len(voxels), UNKNOWN, np.int8)
-        out[inside] = self._state[cells]
-        return out
-
-    def observation_count(
-        self,
-        depth_m: Float32[np.ndarray, "h w"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
-    ) -> UInt16[np.ndarray, "h w"]:
-        """``num_hits`` of the voxel that each pixel of a depth image shows; 0 where it shows none of the grid."""
-        return self._fusion.counts(self._arrays, self._view(depth_m, intrinsics, T_world_camera), self.config)
-
-    def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
-        """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
-        layers, rows, cols = self._state.shape
-        state = self._state.reshape(-1)
-        # Low and high voxel along x, y and z, as offsets into the raveled grid.
-        offsets, insides = [], []
-        for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
-            ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
-            voxel = np.rint(ends / self.config.voxel_m).astype(np.int64) - self._corner[axis]
-            insides.append((voxel >= 0) & (voxel < count))
-            offsets.append(np.where(insides[-1], voxel, 0) * stride)
-        near = np.zeros(len(points_m), bool)
-        if not len(state):
-            return near
-        for x, y, z in np.ndindex(2, 2, 2):
-            inside = insides[0][x] & insides[1][y] & insides[2][z]
-            near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
-        return near
-
-    @property
-    def log_odds(self) -> Int8[np.ndarray, "layers rows cols"]:
-        """Log-odds of each voxel being occupied, in tenths; 0 where never observed (a view)."""
-        return self._log_odds
-
-    def get_state(self) -> dict[str, np.ndarray]:
-        """All arrays by name; views, as copies would take as much memory as the grid."""
-        return {
-            "corner": self._corner,
-            "log_odds": self._log_odds,
-            "state": self._state,
-            "seen_range_m": self._seen_range_m,
-            "num_hits": self._num_hits,
-            "block_stamp": self._block_stamp,
-            "num_frames": np.array(self._num_frames),
-            "depth_noise": self._noise.get_state(),
-        }
-
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what ``get_state`` gave.
-
-        Raises:
-            ValueError: It was not given so.
-        """
-        _check_state(state)
-        self._corner = state["corner"].astype(np.int64)
-        self._log_odds = state["log_odds"].astype(np.int8)
-        self._state = state["state"].astype(np.int8)
-        self._seen_range_m = state["seen_range_m"].astype(np.float32)
-        self._num_hits = np.minimum(state["num_hits"], np.iinfo(np.uint16).max).astype(np.uint16)
-        self._block_stamp = state["block_stamp"].astype(np.int32)
-        self._num_frames = int(state["num_frames"])
-        # Maps of before do not say how noisy their sensor was.
-        self._noise.set_state(state.get("depth_noise", np.zeros(3)))
-        self._column_version = np.full(self._block_stamp.shape[1:], self._num_frames, np.int32)
-
-    def soften(self) -> None:
-        """Let a few frames change what earlier ones have found; the states stay as they are until then.
-
-        Within a run, many frames that agree make a voxel sure. Between two runs, furniture moves.
-        """
-        free = (1 - _HITS_THAT_FILL) * self.config.hit
-        occupied = _MISSES_THAT_EMPTY * self.config.miss
-        self._log_odds = np.clip(self._log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
-
-    @property
-    def _arrays(self) -> VoxelArrays:
-        return VoxelArrays(
-            self._log_odds,
-            self._state,
-            self._seen_range_m,
-            self._num_hits,
-            self._block_stamp,
-            self._column_version,
-            self._corner,
-        )
-
-    def _view(
-        self,
-        depth_m: Float32[np.ndarray, "h w"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
-    ) -> CameraView:
-        if self._rays is None or self._rays[0] != intrinsics:
-            self._rays = (intrinsics, pixel_directions(intrinsics).astype(np.float32))
-        rotation, position = T_world_camera[:3, :3].astype(np.float32), T_world_camera[:3, 3].astype(np.float32)
-        return CameraView(depth_m, self._rays[1], intrinsics, rotation, position)
-
-    def _view_box(self, view: CameraView, missing_m: float) -> tuple[Int64[np.ndarray, "3"], Int64[np.ndarray, "3"]]:
-        """Lowest and highest voxel of the box about the camera and all ray ends within the carving range.
-
-        Rays that looked farther than the sensor's range end at ``missing_m``.
-        """
-        # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
-        reach = view.depth_m[::4, ::4]
-        if not np.isfinite(reach).all():
-            reach = np.nan_to_num(reach, nan=0.0, posinf=missing_m)
-        reach = reach.clip(0.0, self.config.carve_range_m)
-        ends = (view.rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ view.rotation.T
-        low = np.minimum([axis.min() for axis in ends.T], np.float32(0.0)) + view.position
-        high = np.maximum([axis.max() for axis in ends.T], np.float32(0.0)) + view.position
-        edge = self.config.voxel_m
-        return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
-
-    def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Make room for voxels ``low`` to ``high`` (x, y, z, both included).
-
-        Raises:
-            MapError: There would be more than ``MAX_VOXELS``.
-        """
-        shape = np.array(self._state.shape[::-1])
-        if shape.all() and (low >= self._corner).all() and (high < self._corner + shape).all():
-            return
-        self._require_size(low, high)
-        step = BLOCK * np.array([_PLANE_BLOCKS, _PLANE_BLOCKS, _LAYER_BLOCKS])
-        new_low = np.floor_divide(low, step) * step
-        new_high = (np.floor_divide(high, step) + 1) * step
-        if shape.all():
-            new_low = np.minimum(new_low, self._corner)
-            new_high = np.maximum(new_high, self._corner + shape)
-        before = (self._corner - new_low) if shape.all() else np.zeros(3, np.int64)
-        new_shape = tuple((new_high - new_low)[::-1].tolist())
-        start = before[::-1]
-        self._log_odds = embed(self._log_odds, new_shape, start, 0)
-        self._state = embed(self._state, new_shape, start, UNKNOWN)
-        self._seen_range_m = embed(self._seen_range_m, new_shape, start, np.inf)
-        self._num_hits = embed(self._num_hits, new_shape, start, 0)
-        block_shape = tuple(n // BLOCK for n in new_shape)
-        self._block_stamp = embed(self._block_stamp, block_shape, start // BLOCK, 0)
-        self._column_version = embed(self._column_version, block_shape[1:], start[1:] // BLOCK, 0)
-        self._corner = new_low
-
-    def _require_size(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large."""
-        # In floating point: what lies far beyond all bounds overflows whole numbers.
-        first, last = low.astype(np.float64), high + 1.0
-        if self._state.size:
-            first = np.minimum(first, self._corner)
-            last = np.maximum(last, self._corner + np.array(self._state.shape[::-1]))
-        cells = last - first
-        if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= _FARTHEST_CELL:
-            return
-        size = " x ".join(f"{edge_m:.4g}" for edge_m in cells * self.config.voxel_m)
-        raise MapError(
-            f"Frame {self._num_frames} lets the map extend over {size} m, which is {cells.prod():.3g} voxels of "
-            f"{self.config.voxel_m:g} m, but they end at {MAX_VOXELS}: check the poses, the camera and the unit of "
-            "depth, or set ANM_MJ_MAX_VOXELS if it should be so large."
-        )
+        if self._by_field is None:
+            return self.by_depth.grid
+        box = None if centre_xy_m is None else np.stack([centre_xy_m - radius_m, centre_xy_m + radius_m])
+        return self._by_field.grid(sdf_m, box)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Integer, UInt8
 
+from anm_mj.sensing.pixel_state import valid_pixels
 from anm_mj.types import Observation
 
 CAMERA_NUMBERS = 17
@@ -34,24 +35,14 @@ def part(rays: RayBatch, start: int, count: int) -> RayBatch:
     return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
 
 
-def concatenate(*batches: RayBatch) -> RayBatch:
-    """Batches as one."""
-    return RayBatch(
-        np.concatenate([rays.origin_m for rays in batches]),
-        np.concatenate([rays.direction for rays in batches]),
-        np.concatenate([rays.rgb for rays in batches]),
-        np.concatenate([rays.depth_m for rays in batches]),
-    )
-
-
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
     """Draw ``count`` pixels of one observation among those that were measured, of which there must be one."""
-    missing = np.isnan(observation.depth_m)
-    if missing.any():
-        measured = np.flatnonzero(~missing)
-        pixel = measured[rng.integers(len(measured), size=count)]
+    valid = valid_pixels(observation)
+    if valid.all():
+        pixel = rng.integers(valid.size, size=count)
     else:
-        pixel = rng.integers(missing.size, size=count)
+        measured = np.flatnonzero(valid)
+        pixel = measured[rng.integers(len(measured), size=count)]
     depth_m = observation.depth_m.reshape(-1)[pixel]
     return rays_of_pixels(
         pixel,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.lattice import crossings, touched_cells
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import SdfQuery
 
 _NORMAL_STEP_M = 0.02
@@ -37,7 +37,7 @@ class SurfaceExtractor:
     Only lattice cells that touch an occupied voxel are looked at: elsewhere the field's sign is its own invention.
     """
 
-    def __init__(self, occupancy: OccupancyGrid, spacing_m: float) -> None:
+    def __init__(self, occupancy: DepthOccupancy, spacing_m: float) -> None:
         self._occupancy = occupancy
         self._spacing_m = spacing_m
         self._patches: dict[tuple[int, int, int], _Patch] = {}
@@ -79,21 +79,19 @@ class SurfaceExtractor:
 
     def _blocks_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> dict[tuple[int, int, int], int]:
         """Blocks with hits that reach into the disc, by x, y, z indices, and the frames that last hit them."""
-        stamp = self._occupancy.block_stamp
-        layer, row, col = np.nonzero(stamp)
-        block = np.stack((col, row, layer), axis=1) + self._occupancy.corner // BLOCK
+        block, stamp = self._occupancy.blocks_with_hits()
         edge_m = BLOCK * self._occupancy.config.voxel_m
         centre = (block[:, :2] + 0.5) * edge_m
         near = np.hypot(*(centre - centre_xy_m).T) <= radius_m + edge_m
         keys = [(int(x), int(y), int(z)) for x, y, z in block[near]]
-        return dict(zip(keys, stamp[layer, row, col][near].tolist(), strict=True))
+        return dict(zip(keys, stamp[near].tolist(), strict=True))
 
     def _refresh(self, sdf: SdfQuery, stale: dict[tuple[int, int, int], int], normals_up_to_m: float) -> None:
         """Look for crossings in the given blocks, all in one query."""
         if not stale:
             return
         edge = self._occupancy.config.voxel_m
-        state, corner, blocks = self._occupancy.grid.state, self._occupancy.corner, np.array(list(stale))
+        state, corner, blocks = self._occupancy.grid.state, self._occupancy.voxels.corner, np.array(list(stale))
         points = crossings(sdf, *touched_cells(state, corner, blocks, edge / self._spacing_m), self._spacing_m)
         points = points[self._occupancy.near_occupied(points, REACH_VOXELS * edge)]
         placed = points.astype(np.float32)

@@ -18,11 +18,11 @@ import functools
 import numpy as np
 from jaxtyping import Float, Float32
 
+from anm_mj import _native
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.config import UncertaintyConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.last_layer import last_layer_variance
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.utils.native_functions import native_function
+from anm_mj.mapping.mapping_config import MappingConfig, UncertaintyConfig
 
 _CHUNK = 16384
 """Points per call to the engine, so that the outputs of all passes stay small."""
@@ -30,11 +30,10 @@ _CHUNK = 16384
 
 def uncertainty_at(
     backend: MapperBackend,
-    occupancy: OccupancyGrid,
+    occupancy: DepthOccupancy,
     points_m: Float[np.ndarray, "n 3"],
-    config: UncertaintyConfig,
+    config: MappingConfig,
     seed: int,
-    density_exponent: float,
 ) -> Float32[np.ndarray, " n"]:
     """Uncertainty at world points [m] by the configured method; comparable within one method only.
 
@@ -42,19 +41,19 @@ def uncertainty_at(
         backend: The engine that holds the parameters.
         occupancy: What was observed, and how densely.
         points_m: World points [m].
-        config: Method, noise and weights.
+        config: Settings that the map was trained by.
         seed: What the noise of perturbations is derived from.
-        density_exponent: As in the schedule that the map was trained by.
 
     Returns:
         The variance of Eq. 4 in squared truncations plus ``color_weight`` times squared colour units, or, for
         "last_layer_variance", a variance of s up to a constant factor.
     """
-    if config.method == "last_layer_variance":
-        return last_layer_variance(backend, occupancy, points_m, density_exponent)
-    if config.method == "closed_form":
-        return closed_form_variance(backend, points_m, config)
-    return perturbed_variance(backend, points_m, config, seed)
+    method = config.uncertainty.method
+    if method == "last_layer_variance":
+        return last_layer_variance(backend, occupancy, points_m, config.schedule.density_exponent)
+    if method == "closed_form":
+        return closed_form_variance(backend, points_m, config.uncertainty)
+    return perturbed_variance(backend, points_m, config.uncertainty, seed)
 
 
 def closed_form_variance(
@@ -70,34 +69,13 @@ def perturbed_variance(
     backend: MapperBackend, points_m: Float[np.ndarray, "n 3"], config: UncertaintyConfig, seed: int
 ) -> Float32[np.ndarray, " n"]:
     """Sample variance over noisy decoders of s plus the weighted mean one of the colours, at world points [m]."""
-    decoders = noisy_decoders(backend.get_state(), config, seed)
+    decoders = noisy_decoders(backend.parameters(), config, seed)
     out = np.empty(len(points_m), np.float32)
     for start in range(0, len(points_m), _CHUNK):
         rows = slice(start, start + _CHUNK)
         s, rgb = backend.query_perturbed(points_m[rows], decoders)
-        out[rows] = pass_variance(s, rgb, config.color_weight)
+        out[rows] = _native.pass_variance(s, rgb, config.color_weight)
     return out
-
-
-def pass_variance(
-    s: Float32[np.ndarray, "passes n"], rgb: Float32[np.ndarray, "passes n 3"], color_weight: float
-) -> Float32[np.ndarray, " n"]:
-    """Sample variance of s over passes plus the weighted mean one of the colours.
-
-    In C++ (``native/pass_variance.h``) where the engine was built, else in NumPy, which gives the same.
-    """
-    native = native_function("pass_variance")
-    # NumPy sums the passes of a lone point in another order.
-    if native is None or s.shape[1] == 1:
-        return numpy_pass_variance(s, rgb, color_weight)
-    return native(s, rgb, color_weight)
-
-
-def numpy_pass_variance(
-    s: Float32[np.ndarray, "passes n"], rgb: Float32[np.ndarray, "passes n 3"], color_weight: float
-) -> Float32[np.ndarray, " n"]:
-    """The reference of :func:`pass_variance`."""
-    return s.var(axis=0, ddof=1) + np.float32(color_weight) * rgb.var(axis=0, ddof=1).mean(axis=-1)
 
 
 def noisy_decoders(

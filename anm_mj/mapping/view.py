@@ -1,12 +1,13 @@
-"""Where to sample the field to render a view: about the surface that each ray meets first."""
+"""Views rendered from the map, sampled about the surface that each ray meets first."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt8
 
 from anm_mj.frames import pixel_directions
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import OCCUPIED, Intrinsics, SdfQuery
 
 _SAMPLES = 24
@@ -21,8 +22,26 @@ _PROBES = 9
 """Places within that reach at which the field is asked for its sign."""
 
 
+def render_view(
+    backend: MapperBackend,
+    occupancy: DepthOccupancy,
+    intrinsics: Intrinsics,
+    T_world_camera: Float[np.ndarray, "4 4"],
+) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    """Colour and planar depth [m] as a camera would see them; black and NaN along rays that meet no surface."""
+    truncation_m = backend.config.field.truncation_m
+    origin, direction, z, hit = view_samples(occupancy, backend.query_sdf, intrinsics, T_world_camera, truncation_m)
+    rgb = np.zeros((intrinsics.height * intrinsics.width, 3), np.uint8)
+    depth = np.full(len(rgb), np.nan, np.float32)
+    rendered, rendered_depth = backend.render(origin, direction, z)
+    rgb[hit] = np.rint(rendered * 255.0).astype(np.uint8)
+    depth[hit] = rendered_depth
+    shape = (intrinsics.height, intrinsics.width)
+    return rgb.reshape(*shape, 3), depth.reshape(shape)
+
+
 def view_samples(
-    occupancy: OccupancyGrid,
+    occupancy: DepthOccupancy,
     sdf: SdfQuery,
     intrinsics: Intrinsics,
     T_world_camera: Float[np.ndarray, "4 4"],
@@ -65,7 +84,7 @@ def view_samples(
 
 
 def _search(
-    occupancy: OccupancyGrid, sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+    occupancy: DepthOccupancy, sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """Planar depth of the first occupied voxel, and of the first surface in or at one [m]; NaN where there is none."""
     first = np.full(len(directions), np.nan)

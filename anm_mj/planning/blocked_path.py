@@ -20,10 +20,7 @@ def lookahead_radius_m(footprint: Footprint) -> float:
 def path_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
     """Whether the next forward steps bring occupied voxels into the body, and nearer than any is now.
 
-    Args:
-        grid: the occupancy, of now within :func:`lookahead_radius_m`.
-        footprint: the robot's body.
-        pose: the robot's pose; it would move along its heading.
+    The robot would move along its heading; the grid is of now within :func:`lookahead_radius_m`.
     """
     reach = LOOKAHEAD_STEPS * FORWARD_STEP_M
     resolution = grid.resolution_m

@@ -36,12 +36,9 @@ class BorderPoints:
     def update(
         self, state: Int8[np.ndarray, "rows cols"], field_m: Float32[np.ndarray, "rows cols"], rows: slice
     ) -> None:
-        """Look for the points of some rows anew; of all rows where the map has grown.
+        """Look for the points of some rows again, in which cells have changed; of all rows where the map has grown.
 
-        Args:
-            state: the whole map: FREE, OCCUPIED or UNKNOWN.
-            field_m: signed distance to the surface, positive where free [m].
-            rows: where cells have changed.
+        ``field_m`` is the signed distance to the surface, positive where free [m].
         """
         if state.shape != self._shape:
             self._shape, rows = state.shape, slice(0, len(state))

@@ -25,17 +25,10 @@ def clear_edges(
     end_xy_m: Float[np.ndarray, "n 2"],
     least_m: float,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether each edge keeps a clearance on all of its length.
+    """Whether each edge between world points keeps a clearance on all of its length [m].
 
-    Args:
-        topdown: the map; what lies outside of it is not free.
-        start_xy_m: first ends in the world [m].
-        end_xy_m: second ends in the world [m].
-        least_m: clearance asked for, to cells that are occupied or unknown [m]; more than half a cell, so that no
-            obstacle fits between two samples.
-
-    Returns:
-        One bool per edge.
+    ``least_m`` is the clearance asked for, to cells that are occupied or unknown; it is more than half a cell, so that
+    no obstacle fits between two samples. What lies outside of the map is not free.
     """
     resolution = topdown.resolution_m
     rows, cols = topdown.clearance_m.shape

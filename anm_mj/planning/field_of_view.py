@@ -69,8 +69,7 @@ class FieldOfView:
     def slopes(self, share: float = 1.0) -> tuple[float, float]:
         """Rise per horizontal metre of the lowest and the highest rays in the middle of the image.
 
-        Args:
-            share: of the tangents from the optical axis to the edges.
+        ``share`` is how far these lie from the optical axis to the edges.
         """
         ends = []
         for tangent in (-share * self.tan_down, share * self.tan_up):
@@ -80,12 +79,7 @@ class FieldOfView:
         return ends[0], ends[1]
 
     def blind_radius_m(self, footprint: Footprint, share: float) -> float:
-        """Distance from which on the camera shows a share of the heights of the robot's body [m]; +inf where never.
-
-        Args:
-            footprint: the body.
-            share: of its heights.
-        """
+        """Distance from which on the camera shows a share of the heights of the robot's body [m]; +inf where never."""
         low, high = self.slopes()
         distance_m = np.arange(0.0, 8.0, 0.05)
         top = np.minimum(self.height_m + high * distance_m, footprint.z_max_m)

@@ -57,11 +57,7 @@ class GridRoutes:
         return float(self.cost_cells[row, col]) * self.topdown.resolution_m if inside else float("inf")
 
     def path_to(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
-        """Polyline from the robot to a reachable place [m].
-
-        Args:
-            xy_m: a place from :meth:`nearest`, or one of finite cost.
-        """
+        """Polyline from the robot to a place from :meth:`nearest`, or one of finite cost [m]."""
         end = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
         cells = np.array(self._search.traceback(tuple(end)))
         path = cell_to_world(cells, self.topdown.origin_xy_m, self.topdown.resolution_m)

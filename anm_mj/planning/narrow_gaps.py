@@ -20,14 +20,9 @@ _NEAR = 8
 
 
 def narrow_gaps(now: PlanningState) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-    """Vertices beside such gaps.
+    """Vertices that a path leads to, and for each the nearest vertex that none leads to, in plain sight [m].
 
-    Args:
-        now: what the planning stages read out of the map.
-
-    Returns:
-        Vertices that a path leads to, and for each the nearest vertex that none leads to [m], where no obstacle and
-        nothing unknown lies between them.
+    No obstacle and nothing unknown lies between them.
     """
     xy_m, reached = now.graph.vertex_xy_m, np.isfinite(now.paths.distance_m)
     if reached.all() or not reached.any():

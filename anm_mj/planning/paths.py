@@ -103,14 +103,9 @@ def segments_clear(
     safe_m: float,
     pose: Pose2 | None = None,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether whole segments keep ``safe_m`` clearance, sampled twice per cell.
+    """Whether whole segments keep ``safe_m`` clearance [m], sampled twice per cell.
 
-    Args:
-        topdown: the map.
-        start_xy_m: first ends [m].
-        end_xy_m: second ends [m].
-        safe_m: least clearance [m].
-        pose: where the robot stands; within ``NEAR_ROBOT_M`` of it the clearance that it has now is enough.
+    Within ``NEAR_ROBOT_M`` of the robot's pose, the clearance that it has now is enough.
     """
     longest = float(np.linalg.norm(end_xy_m - start_xy_m, axis=1).max(initial=0.0))
     share = np.linspace(0.0, 1.0, max(math.ceil(longest / topdown.resolution_m * 2), 1) + 1)
@@ -159,30 +154,17 @@ def _clearance(
 def shortcut_path(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
-    """A path without the detours that a safe straight segment can cut off.
-
-    Args:
-        points: the path from the robot on [m].
-        topdown: the map.
-        safe_m: least clearance [m].
-        pose: where the robot stands.
-    """
+    """A path from the robot on, without the detours that a straight segment with enough clearance can cut off [m]."""
     return shortcut(points, lambda start, end: segments_clear(topdown, start, end, safe_m, pose))
 
 
 def quantize_headings(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
-    """A path with legs along headings that the robot can have, where these are as safe.
+    """A path from the robot on, with legs along headings that the robot can have, where these are as safe.
 
     A robot that turns by 10 degrees follows most legs only with a correction every few steps, and each costs a step.
     Two legs along the headings to either side lead to the same place with one turn, and are at most 0.4 % longer.
-
-    Args:
-        points: the path from the robot on [m].
-        topdown: the map.
-        safe_m: least clearance [m].
-        pose: where the robot stands.
     """
     kept = [points[0]]
     heading = 0.0  # In turns from the robot's own.
@@ -216,10 +198,7 @@ def remaining_path(path_xy_m: Float[np.ndarray, "k 2"], pose: Pose2) -> Float[np
 def path_steps(path_xy_m: Float[np.ndarray, "k 2"], yaw_rad: float, final_yaw_rad: float | None = None) -> float:
     """Steps of the action budget that a path costs: its length in forward steps and its turns in 10-degree steps.
 
-    Args:
-        path_xy_m: the path from the robot [m].
-        yaw_rad: heading at its start [rad].
-        final_yaw_rad: heading wanted at its end [rad]; None for whatever it is then.
+    The robot's heading at its start is ``yaw_rad``; at its end any, unless ``final_yaw_rad`` says [rad].
     """
     steps = 0.0
     for leg in np.diff(path_xy_m, axis=0):

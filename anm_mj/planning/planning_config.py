@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from anm_mj.errors import PlanError
 from anm_mj.utils.settings import check_settings, setting
 
-GEOMETRIES = ("field", "occupancy")
 REGION_KNOWN_BY = ("error", "range")
 
 
@@ -15,9 +14,6 @@ REGION_KNOWN_BY = ("error", "range")
 class PlanningConfig:
     """Settings of the shared planning stages; each policy has a configuration of its own beside it."""
 
-    geometry: str = setting("field", choices=GEOMETRIES)
-    """What decides between free and occupied where something was observed: the neural ``field``, or ``occupancy``, the
-    grid of raw depth."""
     margin_m: float = setting(0.04, at_least=0.0, at_most=10.0)
     """Clearance kept beyond the robot's radius [m]."""
     sdf_height_spacing_m: float = setting(0.15, at_least=0.01)

@@ -20,6 +20,7 @@ from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
+from anm_mj.sensing.pixel_state import measured_pixels
 from anm_mj.types import (
     FORWARD_STEP_M,
     FREE,
@@ -58,12 +59,7 @@ class ScanGrid:
     """Log-odds of occupancy in the plane; the grid grows with the reach of the scans."""
 
     def __init__(self, footprint: Footprint, range_m: float):
-        """Start with nothing known.
-
-        Args:
-            footprint: the robot's body; obstacles matter within its heights.
-            range_m: beams end at this distance from the camera [m].
-        """
+        """Start with nothing known; obstacles matter within the body's heights, and beams end at ``range_m``."""
         self.footprint = footprint
         self.range_m = range_m
         self.origin_xy_m = np.zeros(2)
@@ -81,12 +77,7 @@ class ScanGrid:
         self.surface_m = np.full((2, *self.log_odds.shape), np.nan, np.float32)
 
     def read_occupancy(self, grid: VoxelGrid, poses: Float[np.ndarray, "n 3"]) -> None:
-        """Begin with what a voxel grid says of the heights of the body, and with where the robot was.
-
-        Args:
-            grid: free, occupied and unknown space.
-            poses: x [m], y [m] and yaw of former places.
-        """
+        """Begin with what a voxel grid says of the heights of the body, and with where the robot was (x, y, yaw)."""
         size_m = np.array(grid.state.shape[:0:-1]) * grid.resolution_m
         corners = np.stack([grid.origin_m[:2], grid.origin_m[:2] + size_m])
         if not size_m.all():
@@ -146,10 +137,7 @@ class ScanGrid:
     ) -> Float[np.ndarray, " n"]:
         """Distance of cells' centres to the nearest surface, in the nearest occupied cell or one around it [m].
 
-        Args:
-            occupied: which cells hold a surface; in one that no beam ended in it may be anywhere.
-            cells: row and column of each cell.
-            nearest: row and column of the occupied cell nearest to each.
+        In an occupied cell that no beam ended in, the surface may be anywhere. Cells are rows and columns.
         """
         surface_m = np.where(occupied, np.nan_to_num(self.surface_m), np.inf)
         surface_m = np.pad(surface_m, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
@@ -183,7 +171,7 @@ class ScanGrid:
 
         The columns are those of a level camera: a tilted one's pixels are sorted by their azimuths.
         """
-        depth_m = np.where(np.isfinite(observation.depth_m), observation.depth_m, np.float32(np.nan))
+        depth_m = np.where(measured_pixels(observation), observation.depth_m, np.float32(np.nan))
         rays = pixel_directions(observation.intrinsics)
         height_m = observation.T_world_camera[2, 3] + depth_m * (rays @ observation.T_world_camera[2, :3])
         rotation = observation.T_world_camera[:3, :3]
@@ -267,11 +255,7 @@ def _by_column(
 ) -> tuple[Float[np.ndarray, " w"], Float[np.ndarray, " w"]]:
     """Least and largest values of the pixels that a level camera would have in each of its columns.
 
-    Args:
-        nearest_m: of which the least counts; +inf for none.
-        seen_m: of which the largest counts; 0 for none.
-        ahead: the rays of the pixels in the axes of the level camera.
-        intrinsics: of both cameras.
+    ``nearest_m`` is +inf for none, ``seen_m`` 0; ``ahead`` are the rays in the axes of the level camera.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         u = ahead[..., 0] / ahead[..., 2] * intrinsics.fx + intrinsics.cx

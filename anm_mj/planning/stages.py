@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -14,7 +15,17 @@ from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.protocols import Mapper
-from anm_mj.types import FORWARD_STEP_M, Action, Footprint, FormerRun, Observation, Pose2, TopDownMap, VoronoiGraph
+from anm_mj.types import (
+    FORWARD_STEP_M,
+    Action,
+    Footprint,
+    FormerRun,
+    Observation,
+    Plan,
+    Pose2,
+    TopDownMap,
+    VoronoiGraph,
+)
 from anm_mj.utils.stopwatch import Stopwatch
 
 TRY_AGAIN = "another try to pass what blocked the robot"
@@ -35,6 +46,10 @@ class PlanningState:
     """The shortest path to every vertex of the graph."""
     watch: Stopwatch = field(default_factory=Stopwatch)
     """What each stage took."""
+
+    def plan(self, reason: str, **decided: Any) -> Plan:
+        """A plan with what it was decided on, for log, replay and film; ``decided`` are its other fields."""
+        return Plan(reason, topdown=self.topdown, graph=self.graph, stage_ms=self.watch.ms, **decided)
 
 
 class Stages:
@@ -76,7 +91,8 @@ class Stages:
     ) -> tuple[TopDownMap, Window | None]:
         """The first stage alone: the top-down map as of now, and the part of the occupancy grid that it read anew."""
         with watch.stage("topdown"):
-            return self.topdown.update(mapper, observation.pose, FieldOfView.of(observation))
+            known = mapper.occupancy_grid(), mapper.sdf, mapper.truncation_m
+            return self.topdown.update(*known, observation.pose, FieldOfView.of(observation))
 
     def update_graph(self, topdown: TopDownMap, pose: Pose2, watch: Stopwatch) -> PlanningState:
         """The other stages, on the top-down map that :meth:`update_map` gave."""
@@ -93,19 +109,11 @@ class Stages:
             self.topdown.add_collision(pose.xy_m + (self._radius_m + FORWARD_STEP_M) * ahead)
 
     def is_cut_off(self, reached: Bool[np.ndarray, " n"]) -> bool:
-        """Whether collisions keep the robot from most of the graph.
-
-        Args:
-            reached: whether a path leads to each vertex of the graph.
-        """
+        """Whether collisions keep the robot from most of the graph: paths lead to the vertices that are ``reached``."""
         return self.topdown.any_collision and int(np.count_nonzero(reached)) < 0.5 * len(reached)
 
     def shrink_collisions(self, reached: Bool[np.ndarray, " n"]) -> bool:
-        """Draw what the robot collided with smaller where it is cut off; whether this may open a path.
-
-        Args:
-            reached: whether a path leads to each vertex of the graph.
-        """
+        """Draw what the robot collided with smaller where it is cut off; whether this may open a path."""
         return self.is_cut_off(reached) and self.topdown.shrink_collisions()
 
     def drop_margin(self) -> bool:

@@ -48,13 +48,8 @@ def radius_to_seen_floor_m(
     """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
 
     A noisy sensor sees the nearest floor later than the camera's geometry tells. The disc reaches as far out as the
-    floor is seen free in three quarters of the directions in which nothing stands before.
-
-    Args:
-        known: 1 in columns that were seen free, 2 in occupied ones, 0 in others.
-        grid: whose columns these are.
-        start_xy_m: the start [m].
-        radius_m: the least radius [m].
+    floor is seen free in three quarters of the directions in which nothing stands before, and at least ``radius_m``.
+    ``known`` is 1 in columns of the grid that were seen free, 2 in occupied ones, 0 in others.
     """
     cell = grid.resolution_m
     angle = np.arange(_DIRECTIONS) * math.tau / _DIRECTIONS

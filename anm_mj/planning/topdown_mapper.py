@@ -17,16 +17,15 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 
+from anm_mj import _native
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.distance_transform import capped_distance_cells
-from anm_mj.planning.enclosed_holes import enclosed_holes
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.start_floor import blind_radius_m, radius_to_seen_floor_m
-from anm_mj.protocols import Mapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
 
@@ -55,12 +54,7 @@ class TopDownMapper:
     """Keeps the top-down map up: columns from occupancy, minimum SDF beside surfaces inside the horizon."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint):
-        """Start with an empty map.
-
-        Args:
-            config: the planner's settings.
-            footprint: the body whose heights decide.
-        """
+        """Start with an empty map for a body."""
         self.config = config
         self.footprint = footprint
         self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
@@ -76,7 +70,6 @@ class TopDownMapper:
         self._collision_cells = COLLISION_CELLS
         self._origin_xy_m = np.zeros(2)
         self._truncation_m = 0.0
-        """Distance beyond which the SDF says no more than 'far', as the map has it [m]."""
         self._layers = _Layers()
         self._borders = BorderPoints()
         self._start_radius_m = config.start_radius_m
@@ -89,8 +82,8 @@ class TopDownMapper:
     def shrink_collisions(self) -> bool:
         """Draw the obstacles that collisions left as small as they may be, from now on; whether this may open a path.
 
-        What the robot met is often smaller than what is drawn to keep it from bumping into it again. Where that closes
-        the only way on, passing beside it is worth a try.
+        What the robot met is often smaller than what keeps it from bumping into it again, which may close the only way
+        on.
         """
         if not self._collisions_xy_m or self._collision_cells == SMALL_COLLISION_CELLS:
             return False
@@ -120,20 +113,23 @@ class TopDownMapper:
             self.visit(xy)
         self._num_prior = len(self.trajectory_xy_m)
 
-    def update(self, mapper: Mapper, pose: Pose2, camera: FieldOfView) -> tuple[TopDownMap, Window | None]:
+    def update(
+        self, grid: VoxelGrid, sdf: SdfQuery, truncation_m: float, pose: Pose2, camera: FieldOfView
+    ) -> tuple[TopDownMap, Window | None]:
         """Bring the map up to date.
 
         Args:
-            mapper: occupancy and SDF; always the same one.
+            grid: the occupancy; always the same one, as it grows.
+            sdf: metric SDF of world points (N, 3).
+            truncation_m: distance beyond which the SDF says no more than 'far' [m]; always the same.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
             camera: what the robot sees with; its first one tells how much of the floor at the start it cannot see.
 
         Returns:
             The map, and the part of the occupancy grid that was read for it; None for none.
         """
-        grid = mapper.occupancy
         first = not self._layers.state.size
-        self._truncation_m = mapper.truncation_m
+        self._truncation_m = truncation_m
         if first:
             self._start_radius_m = blind_radius_m(camera, self.footprint, self.config)
         self.visit(pose.xy_m)
@@ -143,7 +139,7 @@ class TopDownMapper:
         if first:
             known = np.where(self._layers.hit, 2, self._layers.num_free >= self._enough(grid))
             self._start_radius_m = radius_to_seen_floor_m(known, grid, self._starts_xy_m[-1], self._start_radius_m)
-        changed += self._stamp(grid) + self._ask_sdf(grid, mapper.sdf, pose)
+        changed += self._stamp(grid) + self._ask_sdf(grid, sdf, pose)
         if changed:
             self._decide(grid, union(changed))
         layers, resolution, origin = self._layers, grid.resolution_m, self._origin_xy_m
@@ -213,7 +209,9 @@ class TopDownMapper:
         layers = self._layers
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < self._enough(grid)
-        holes = enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
+        holes = np.zeros_like(unknown)
+        max_cells = self.config.hole_area_m2 / grid.resolution_m**2
+        _native.small_components(unknown.view(np.uint8), max_cells, holes.view(np.uint8))
         inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
         state[layers.near_trajectory[window]] = FREE

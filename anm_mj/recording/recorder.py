@@ -24,6 +24,7 @@ from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.write import writing
+from anm_mj.localisation.localiser import PoseEstimate
 from anm_mj.recording.config import RecordConfig
 from anm_mj.recording.run_log import RunLog
 from anm_mj.types import Action, ActionResult, FormerRun, MapUpdate, Observation, Plan, Pose2, TrueView
@@ -124,19 +125,19 @@ class RunRecorder:
     def on_event(self, event: object) -> None:
         """Record an event; see :class:`anm_mj.events.Observer`."""
         if isinstance(event, Observed):
-            self.observation(event.observation)
+            self.observation(event.observation, event.estimate)
         elif isinstance(event, Decided):
             self.plan(event.step, event.plan)
         elif isinstance(event, Stepped):
             self.step(event.step, event.result, event.observation.pose, event.update, event.stage_ms)
 
-    def observation(self, observation: Observation) -> None:
+    def observation(self, observation: Observation, estimate: PoseEstimate | None = None) -> None:
         """Record an observation; the first one comes before any action."""
         # Only the truth counts as seen, and only where the sensor gave a value.
         true = None if self._true_view is None else self._true_view()
         where = observation if true is None else true
         depth_mm = reduce_depth(where.depth_m)
-        self.background.submit(lambda: self.log.observation(observation, true, depth_mm))
+        self.background.submit(lambda: self.log.observation(observation, true, depth_mm, estimate))
         frame = observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose
         self.background.submit(lambda: self._cover(lambda: self.curve.frame(*frame)))
 

@@ -16,19 +16,20 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
-from anm_mj.evaluation.run_evaluation import quality_of_mesh, without_cap_cm, write_curve
+from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
 from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
-from anm_mj.io.read_run import read_json
+from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
+from anm_mj.recording.run_log import tum_line
 from anm_mj.types import FormerRun, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import atomic_write, write_text
 from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
@@ -178,9 +179,12 @@ def write_results(
     recorder.flush()
     recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
     mesh = quality_of_mesh(folder, recorder.truth, curve)
-    metrics = summarise(
-        statistics, curve.rows, curve.path_m, uncapped_cm[0], recorder.truth, mesh, summary, before=curve.before
-    )
+    run = read_run(folder.path)
+    trajectory = trajectory_metrics(run, recorder.truth, curve)
+    if trajectory is not None:
+        lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
+        write_text(folder.true_trajectory, "\n".join(lines) + "\n")
+    metrics = summarise(statistics, curve, uncapped_cm[0], recorder.truth, mesh, summary, trajectory=trajectory)
     # Before the pictures, which may find no room.
     write_json(folder.metrics, metrics)
     recorder.flush()

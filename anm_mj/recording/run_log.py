@@ -19,6 +19,7 @@ from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
+from anm_mj.localisation.localiser import PoseEstimate
 from anm_mj.recording.config import RecordConfig
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, TrueView
 
@@ -76,12 +77,14 @@ class RunLog:
         observation: Observation,
         true: TrueView | None = None,
         depth_mm: UInt16[np.ndarray, "rows cols"] | None = None,
+        estimate: PoseEstimate | None = None,
     ) -> None:
         """Record an observation; the first one comes before any action.
 
         Args:
             observation: What the robot perceived.
             true: What it was truly made of, where that differs.
+            estimate: What localisation says of the pose; None where there is none.
             depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
         """
         if not self._poses:
@@ -100,6 +103,17 @@ class RunLog:
         }
         if true is not None:
             line["true"] = _where(true.pose, true.T_world_camera)
+        if estimate is not None:
+            line["localisation"] = {
+                "state": estimate.state,
+                "usable": estimate.usable,
+                "relocalised": estimate.relocalised,
+                "deviation_m": estimate.position_deviation_m,
+                "deviation_rad": estimate.rotation_deviation_rad,
+                "known": estimate.quality.known,
+                "inliers": estimate.quality.inliers,
+                "bound": estimate.quality.bound,
+            }
         self._frames.json(line)
         self._trajectory.line(tum_line(observation.time_s, observation.pose))
         self._poses.append(observation.pose)

@@ -10,9 +10,10 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
+from anm_mj.mjcf.poses import quaternion_of
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.drive_joints import HOLONOMIC
-from anm_mj.robot.kinematics import BASE_JOINT, WHEEL_JOINTS
+from anm_mj.robot.reduced_model import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.types import Pose2
 
 _JOINT = mujoco.mjtObj.mjOBJ_JOINT
@@ -53,8 +54,7 @@ class SimulatedBase:
         self._T_root_base = robot.T_root_base if robot else np.eye(4)
         T_base_root = np.linalg.inv(self._T_root_base)
         self._root_xyz_m = T_base_root[:3, 3]
-        self._root_quat = np.empty(4)
-        mujoco.mju_mat2Quat(self._root_quat, np.ascontiguousarray(T_base_root[:3, :3]).ravel())
+        self._root_quat = quaternion_of(T_base_root[:3, :3])
         self._offset, self._ahead, self._quat = np.empty(3), np.empty(3), np.empty(4)
 
     @property

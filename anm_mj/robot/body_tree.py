@@ -9,11 +9,6 @@ import mujoco
 import numpy as np
 
 
-def root_of(model: mujoco.MjModel, body: int) -> int:
-    """The top-level ancestor of a body; 0 for the world."""
-    return int(model.body_rootid[body])
-
-
 def subtree(model: mujoco.MjModel, body: int) -> list[int]:
     """A body and all its descendants."""
     found = {body}

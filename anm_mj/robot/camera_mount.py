@@ -1,4 +1,4 @@
-"""Mounts the camera that the settings ask for in place of the one in the robot's file."""
+"""Mounts a robot's camera: as the settings ask for, upright, or where its file has none."""
 
 from __future__ import annotations
 
@@ -8,12 +8,31 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.frames import T_GL_CV, rigid_transform
+from anm_mj.frames import T_GL_CV
+from anm_mj.mjcf.poses import body_pose, camera_pose, quaternion_of, set_pose
+from anm_mj.robot.body_tree import unused_name
 from anm_mj.robot.camera_config import CameraConfig
+from anm_mj.robot.camera_search import CAMERA
+from anm_mj.robot.robot_config import CameraPose
 
 _ROLL_DEG = 10.0
 """A camera rolled by less counts as upright [deg]."""
 _LEVEL = 0.1
+
+
+def mount_camera(spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, "4 4"], pose: CameraPose) -> str:
+    """Add a camera to the robot's root body; its name."""
+    pitch = math.radians(pose.pitch_deg)
+    T_base_camera = np.eye(4)
+    T_base_camera[:3, 0] = [0.0, -1.0, 0.0]
+    T_base_camera[:3, 2] = [math.cos(pitch), 0.0, -math.sin(pitch)]
+    T_base_camera[:3, 1] = np.cross(T_base_camera[:3, 2], T_base_camera[:3, 0])
+    T_base_camera[:3, 3] = pose[:3]
+    T_root_camera = T_root_base @ T_base_camera @ T_GL_CV
+    quat = quaternion_of(T_root_camera[:3, :3])
+    name = unused_name(CAMERA, spec.camera)
+    spec.body(root).add_camera(name=name, pos=T_root_camera[:3, 3], quat=quat, fovy=pose.fovy_deg)
+    return name
 
 
 def remount_camera(
@@ -24,7 +43,7 @@ def remount_camera(
     T_world_base: Float[np.ndarray, "4 4"],
     config: CameraConfig,
     image_px: int,
-) -> Float[np.ndarray, "4 4"]:
+) -> None:
     """Change height, tilt and field of view of a camera in the spec.
 
     Args:
@@ -35,50 +54,32 @@ def remount_camera(
         T_world_base: base frame to world.
         config: what is asked for.
         image_px: width and height of the image where the configuration does not say [px].
-
-    Returns:
-        Camera to base; camera axes x right, y down, z forward.
     """
-    camera = model.camera(name).id
-    T_world_camera = rigid_transform(data.cam_xmat[camera], data.cam_xpos[camera]) @ T_GL_CV
-    T_base_camera = np.linalg.inv(T_world_base) @ T_world_camera
     if config.fov_deg:
-        _of(spec, name).fovy = config.fov_y_deg(image_px)
+        spec.camera(name).fovy = config.fov_y_deg(image_px)
     if not (config.height_m or config.tilt_deg):
-        return T_base_camera
+        return
+    T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(model, data, name)
     if config.height_m:
         T_base_camera[2, 3] = config.height_m
     c, s = math.cos(math.radians(config.tilt_deg)), math.sin(math.radians(config.tilt_deg))
     # About the camera's x axis, which points right: a positive angle lifts the view.
     T_base_camera[:3, :3] = T_base_camera[:3, :3] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     _place(spec, model, data, name, T_world_base, T_base_camera)
-    return T_base_camera
 
 
 def upright_camera(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    name: str,
-    T_world_base: Float[np.ndarray, "4 4"],
+    spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, name: str, T_world_base: Float[np.ndarray, "4 4"]
 ) -> str:
     """Turn a camera that is mounted on its side or upside down about its axis until its image is upright.
 
-    Its image is square unless the settings say otherwise, so that it shows the same.
-
-    Args:
-        spec: the robot; its camera is changed in place.
-        model: compiled from it.
-        data: of the model, with up-to-date poses.
-        name: of the camera.
-        T_world_base: base frame to world.
+    Its image is square unless the settings say otherwise, so that it shows the same. Arguments as for
+    :func:`remount_camera`.
 
     Returns:
         What was done, for the notes; empty where the camera stands upright.
     """
-    camera = model.camera(name).id
-    T_world_camera = rigid_transform(data.cam_xmat[camera], data.cam_xpos[camera]) @ T_GL_CV
-    T_base_camera = np.linalg.inv(T_world_base) @ T_world_camera
+    T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(model, data, name)
     ahead = T_base_camera[:3, 2]
     level = np.array([ahead[1], -ahead[0], 0.0])
     if np.linalg.norm(level) < _LEVEL:
@@ -102,15 +103,5 @@ def _place(
     T_base_camera: Float[np.ndarray, "4 4"],
 ) -> None:
     """Move a camera of the spec to a pose in the base frame."""
-    body = model.cam_bodyid[model.camera(name).id]
-    T_world_body = rigid_transform(data.xmat[body], data.xpos[body])
-    T_body_camera = np.linalg.inv(T_world_body) @ T_world_base @ T_base_camera @ T_GL_CV
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, T_body_camera[:3, :3].ravel())
-    element = _of(spec, name)
-    element.pos, element.quat = T_body_camera[:3, 3], quat
-    element.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-
-
-def _of(spec: mujoco.MjSpec, name: str) -> mujoco._specs.MjsCamera:
-    return next(camera for camera in spec.cameras if camera.name == name)
+    T_world_body = body_pose(data, int(model.cam_bodyid[model.camera(name).id]))
+    set_pose(spec.camera(name), np.linalg.inv(T_world_body) @ T_world_base @ T_base_camera @ T_GL_CV)

@@ -1,4 +1,4 @@
-"""Finds the camera that a robot looks ahead with, or mounts one."""
+"""Finds the camera that a robot looks ahead with, and refuses one that cannot see."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import T_GL_CV, rigid_transform
 from anm_mj.robot.body_tree import solid_geoms, unused_name
-from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, CameraPose, RobotConfig
+from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, RobotConfig
 
 CAMERA = "camera"
 """Usual name of the camera."""
@@ -72,44 +71,23 @@ def find_camera(
         return wanted
     if len(on_robot) == 1:
         return model.camera(on_robot[0]).name
-    fitting = [c for c in on_robot if _fits(data, c, T_world_base) and not _on_arm(model, c)]
+    fitting = [c for c in on_robot if _fits(data, c, T_world_base) and not _ON_ARM.search(model.camera(c).name)]
     if fitting:
         first = [c for c in fitting if not _DEPTH.search(model.camera(c).name)] or fitting
         return model.camera(first[0]).name
     raise RobotError(_no_camera(model, data, on_robot, T_world_base, path, f'camera named "{CAMERA}"'))
 
 
-def mount_camera(spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, "4 4"], pose: CameraPose) -> str:
-    """Add a camera to the robot's root body; its name."""
-    pitch = math.radians(pose.pitch_deg)
-    T_base_camera = np.eye(4)
-    T_base_camera[:3, 0] = [0.0, -1.0, 0.0]
-    T_base_camera[:3, 2] = [math.cos(pitch), 0.0, -math.sin(pitch)]
-    T_base_camera[:3, 1] = np.cross(T_base_camera[:3, 2], T_base_camera[:3, 0])
-    T_base_camera[:3, 3] = pose[:3]
-    T_root_camera = T_root_base @ T_base_camera @ T_GL_CV
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_root_camera[:3, :3]).ravel())
-    name = unused_name(CAMERA, spec.camera)
-    spec.body(root).add_camera(name=name, pos=T_root_camera[:3, 3], quat=quat, fovy=pose.fovy_deg)
-    return name
-
-
 def use_field_of_view(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> None:
     """Give a camera that is described by its sensor its vertical field of view instead."""
     camera = model.camera(name).id
     if model.cam_sensorsize[camera].any():
-        fovy = math.degrees(2.0 * math.atan(model.cam_sensorsize[camera, 1] / 2.0 / model.cam_intrinsic[camera, 1]))
         element = spec.camera(name)
+        element.fovy = math.degrees(
+            2.0 * math.atan(model.cam_sensorsize[camera, 1] / 2.0 / model.cam_intrinsic[camera, 1])
+        )
         element.sensor_size = [0.0, 0.0]
         element.focal_length = element.focal_pixel = element.principal_length = element.principal_pixel = [0.0, 0.0]
-        element.fovy = fovy
-
-
-def T_world_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float[np.ndarray, "4 4"]:
-    """Camera to world; camera axes x right, y down, z forward."""
-    camera = model.camera(name).id
-    return rigid_transform(data.cam_xmat[camera], data.cam_xpos[camera]) @ T_GL_CV
 
 
 def tilt_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
@@ -221,10 +199,6 @@ def _off_duty(model: mujoco.MjModel, camera: int) -> bool:
     return model.cam_mode[camera] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED or not perspective
 
 
-def _on_arm(model: mujoco.MjModel, camera: int) -> bool:
-    return bool(_ON_ARM.search(model.camera(camera).name))
-
-
 def _fits(data: mujoco.MjData, camera: int, T_world_base: Float[np.ndarray, "4 4"]) -> bool:
     ahead = T_world_base[:3, :3].T @ -data.cam_xmat[camera].reshape(3, 3)[:, 2]
     tilt, aside = math.asin(np.clip(ahead[2], -1.0, 1.0)), math.atan2(ahead[1], ahead[0])
@@ -247,11 +221,9 @@ def _no_camera(
             f"The robot {path} has no {what}; its cameras are {which}: mount one by --set "
             "model.camera_pose=x,y,z,pitch,fovy, as in 0.05,0,0.3,10,60 (m, m, m, deg down, deg)."
         )
-    known = []
-    for c in cameras:
-        fits = "" if _fits(data, c, T_world_base) else " (does not look forward)"
-        known.append(model.camera(c).name + fits)
+    fits = {c: "" if _fits(data, c, T_world_base) else " (does not look forward)" for c in cameras}
+    known = ", ".join(model.camera(c).name + fits[c] for c in cameras)
     return (
-        f"The robot {path} has no {what}; its cameras are {', '.join(known)}: name one by --set model.camera=NAME, or "
-        "mount one by --set model.camera_pose=x,y,z,pitch,fovy."
+        f"The robot {path} has no {what}; its cameras are {known}: name one by --set model.camera=NAME, or mount one "
+        "by --set model.camera_pose=x,y,z,pitch,fovy."
     )

@@ -16,15 +16,14 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import rigid_transform
+from anm_mj.mjcf.poses import body_pose, camera_pose
+from anm_mj.mjcf.read_mjcf import OutsideError, compile_spec, read_spec
 from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
 from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.camera_mount import remount_camera, upright_camera
+from anm_mj.robot.camera_mount import mount_camera, remount_camera, upright_camera
 from anm_mj.robot.camera_search import (
-    T_world_camera,
     camera_heading,
     find_camera,
-    mount_camera,
     require_field_of_view,
     require_outside,
     require_view_ahead,
@@ -38,19 +37,13 @@ from anm_mj.robot.isolate import give_free_joint, isolate_robot
 from anm_mj.robot.joint_positions import at_key_frame
 from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
-from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
+from anm_mj.robot.reduced_model import WHEEL_JOINTS, WheelMount, reduced_mjcf
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
-from anm_mj.utils.quiet_mujoco import quiet
-from anm_mj.utils.read_mjcf import OutsideError, read_spec
 
-Mount = tuple[CameraConfig, int]
-"""What differs from the robot's camera, and the image size where that does not say [px]."""
-WHEELS = ("wheel_left", "wheel_right")
-"""Names of the wheels in a reduced model."""
 _SLOWEST_MPS = 0.01
 """The slowest robot that the physics drive waits for; a step takes the longer, the slower it is [m/s]."""
 _BODY_M = 0.15
@@ -127,10 +120,9 @@ def describe_robot(
     Raises:
         RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
     """
-    config, mount = config or RobotConfig(), (camera or CameraConfig(), image_px)
+    config, camera = config or RobotConfig(), camera or CameraConfig()
     try:
-        with quiet(mujoco.set_mju_user_warning):
-            spec = read_spec(path, mujoco.MjSpec.from_file, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+        spec = read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
         raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:
@@ -154,15 +146,17 @@ def describe_robot(
     locked = lock_joints(spec, model, data, {*drive.left, *drive.right}, drive.root)
     # Joints of the planar chain are locked too, but ours take their place.
     locked = [name for name in locked if name not in drive.planar]
-    T_root_base = _planar_base(model, data, drive, ahead) if drive.kind == HOLONOMIC else None
+    T_root_base, base_joints = None, ()
+    if drive.kind == HOLONOMIC:
+        T_world_root = body_pose(data, model.body(drive.root).id)
+        T_root_base = np.linalg.inv(T_world_root) @ planar_base_frame(model, data, drive.planar, ahead)
     isolate_robot(spec, drive.root)
-    base_joints = (
-        () if T_root_base is not None else (give_free_joint(spec, drive.root, unused_name("base", spec.joint)),)
-    )
+    if T_root_base is None:
+        base_joints = (give_free_joint(spec, drive.root, unused_name("base", spec.joint)),)
 
     model, data = _at_rest(spec, path)
     base = _find_base(model, data, drive, T_root_base, path)
-    camera_name, T_base_camera, fovy_deg, odd = _camera(spec, config, drive, base, path, mount)
+    camera_name, T_base_camera, fovy_deg, rolled = _camera(spec, config, drive, base, path, camera, image_px)
     shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
     if not solid_geoms(model):
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
@@ -188,7 +182,7 @@ def describe_robot(
         top_radps = float("inf")
     if base.wheels and not shell and not casters:
         notes.append("nothing but its wheels is solid: the body meets no obstacle, and the footprint is the wheels'")
-    notes += odd + let_casters_slide(spec, model, data, casters, drive.root, base.T_world_base, path)
+    notes += rolled + let_casters_slide(spec, model, data, casters, drive.root, base.T_world_base, path)
     model = _compiled(spec, path)
     T_base_world = np.linalg.inv(base.T_world_base)
     return RobotDescription(
@@ -215,7 +209,7 @@ def describe_robot(
         support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
         centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[base.root] + T_base_world[:3, 3],
         reduced_mjcf=reduced_mjcf(model, data, base.root, base.T_world_base, T_base_camera, _wheel_mounts(model, base)),
-        hash=_hash(spec, model),
+        hash=hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest(),
         key_frame=key_frame,
         locked=tuple(locked),
         notes=tuple(notes),
@@ -258,7 +252,7 @@ def _find_base(
 ) -> _Base:
     """The base midway between the wheels, or, of a holonomic one, where ``T_root_base`` says."""
     root = model.body(drive.root).id
-    T_world_root = _body_pose(data, root)
+    T_world_root = body_pose(data, root)
     if T_root_base is not None:
         return _Base(root, T_world_root @ T_root_base, T_root_base, f"the base slides along {drive.planar[0]}")
     lefts, rights = read_wheels(model, data, drive.left, drive.right, path)
@@ -266,14 +260,6 @@ def _find_base(
     rolls = f"the wheels {', '.join(drive.left)} (left) and {', '.join(drive.right)} (right) roll"
     T_root_base = np.linalg.inv(T_world_root) @ T_world_base
     return _Base(root, T_world_base, T_root_base, rolls, tuple(lefts), tuple(rights), signs, track_m)
-
-
-def _planar_base(
-    model: mujoco.MjModel, data: mujoco.MjData, drive: DriveJoints, ahead: Float[np.ndarray, "3"] | None
-) -> Float[np.ndarray, "4 4"]:
-    """``T_root_base`` of a holonomic base, before its joints are replaced."""
-    T_world_root = _body_pose(data, model.body(drive.root).id)
-    return np.linalg.inv(T_world_root) @ planar_base_frame(model, data, drive.planar, ahead)
 
 
 def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
@@ -285,9 +271,9 @@ def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
             name,
             tuple(wheel.body for wheel in side),
             np.array([0.0, sign * base.track_m / 2.0, base.wheel_radius_m]),
-            sum(_armature(model, wheel.joint) for wheel in side),
+            sum(float(model.dof_armature[model.joint(wheel.joint).dofadr[0]]) for wheel in side),
         )
-        for name, sign, side in zip(WHEELS, (1.0, -1.0), (base.lefts, base.rights), strict=True)
+        for name, sign, side in zip(WHEEL_JOINTS, (1.0, -1.0), (base.lefts, base.rights), strict=True)
     )
 
 
@@ -297,9 +283,10 @@ def _camera(
     drive: DriveJoints,
     base: _Base,
     path: Path,
-    mount: Mount,
+    wanted: CameraConfig,
+    image_px: int,
 ) -> tuple[str, Float[np.ndarray, "4 4"], float, list[str]]:
-    """Find or mount the camera: its name, its pose in the base, its vertical field of view [deg], and what is odd."""
+    """Find or mount the camera: its name, its pose in the base, its vertical field of view [deg], and a note."""
     note = ""
     if config.mounted_camera is not None:
         camera = mount_camera(spec, drive.root, base.T_root_base, config.mounted_camera)
@@ -311,9 +298,9 @@ def _camera(
         use_field_of_view(spec, model, camera)
         note = upright_camera(spec, model, data, camera, base.T_world_base)
     model, data = _at_rest(spec, path)
-    remount_camera(spec, model, data, camera, base.T_world_base, *mount)
+    remount_camera(spec, model, data, camera, base.T_world_base, wanted, image_px)
     model, data = _at_rest(spec, path)
-    T_base_camera = np.linalg.inv(base.T_world_base) @ T_world_camera(model, data, camera)
+    T_base_camera = np.linalg.inv(base.T_world_base) @ camera_pose(model, data, camera)
     require_view_ahead(T_base_camera, camera, base.moves, path)
     require_outside(spec, camera, "mounted" if config.mounted_camera else "file", path)
     fovy_deg = float(model.cam_fovy[model.camera(camera).id])
@@ -328,29 +315,14 @@ def _at_rest(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, mujoco.Mj
     return model, data
 
 
-def _body_pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
-    return rigid_transform(data.xmat[body], data.xpos[body])
-
-
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    import mujoco
-
     try:
-        with quiet(mujoco.set_mju_user_warning):
-            return spec.compile()
+        return compile_spec(spec)
     except (ValueError, RuntimeError, MemoryError) as err:
         raise RobotError(
             f"The robot {path} cannot be compiled by itself ({err}); fix that, or remove references to elements "
             "outside the robot."
         ) from err
-
-
-def _hash(spec: mujoco.MjSpec, model: mujoco.MjModel) -> str:
-    return hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest()
-
-
-def _armature(model: mujoco.MjModel, joint: str) -> float:
-    return float(model.dof_armature[model.joint(joint).dofadr[0]])
 
 
 def _shell_and_casters(

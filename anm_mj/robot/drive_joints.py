@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import joints_above, root_of, subtree
+from anm_mj.robot.body_tree import joints_above, subtree
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.wheel_names import is_passive, side_of
@@ -63,7 +63,8 @@ def find_drive_joints(
     given = [
         _given(model, names, side, path) for names, side in ((config.left_wheel, "left"), (config.right_wheel, "right"))
     ]
-    driven = [j for j in _standing_wheels(model, data) if _is_actuated(model, j)]
+    on_floor = _wheels_on_floor(model, data)
+    driven = [j for j, swivels in on_floor if not swivels and _is_actuated(model, j)]
     named = {side: _named(model, side, driven) for side in ("left", "right")}
     if not any(given):
         planar = _planar_joints(model, data)
@@ -73,9 +74,9 @@ def find_drive_joints(
                     f"model.skid_steer is set, but {path} moves by planar joints ({_listed(joints, planar)}); leave it "
                     "out."
                 )
-            root = root_of(model, int(model.jnt_bodyid[planar[0]]))
+            root = model.body_rootid[model.jnt_bodyid[planar[0]]]
             return DriveJoints(HOLONOMIC, model.body(root).name, planar=tuple(joints[j] for j in planar))
-        steered = _steering_joints(model, data)
+        steered = sorted({j for _, swivels in on_floor for j in swivels if _is_actuated(model, j)})
         if steered:
             raise RobotError(
                 f"The robot {path} steers its wheels ({_listed(joints, steered)}), like a car, and cannot turn on the "
@@ -112,7 +113,7 @@ def find_drive_joints(
         raise RobotError(_lacking(model, left, right, driven, path))
     for joint in (*left, *right):
         _require_hinge(model, joint, path)
-    roots = {root_of(model, int(model.jnt_bodyid[j])) for j in (*left, *right)}
+    roots = {int(model.body_rootid[model.jnt_bodyid[j]]) for j in (*left, *right)}
     if len(roots) > 1:
         raise RobotError(
             f"The wheels of {path} hang on different bodies of the world "
@@ -164,17 +165,6 @@ def _named(model: mujoco.MjModel, side: str, driven: list[int]) -> list[int]:
     return chosen if len(found) > 1 and chosen else found
 
 
-def _standing_wheels(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
-    """Level hinges without a range whose bodies reach the floor, without casters."""
-    return [joint for joint, swivels in _wheels_on_floor(model, data) if not swivels]
-
-
-def _steering_joints(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
-    """Upright hinges with actuators that wheels on the floor hang on."""
-    swivels = {j for _, above in _wheels_on_floor(model, data) for j in above if _is_actuated(model, j)}
-    return sorted(swivels)
-
-
 def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, list[int]]]:
     """Level hinges without a range whose bodies reach the floor, each with the upright hinges that it hangs on."""
     found = []
@@ -184,13 +174,15 @@ def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[i
         body = int(model.jnt_bodyid[joint])
         geoms = [g for b in subtree(model, body) for g in range(model.ngeom) if model.geom_bodyid[g] == b]
         others = [j for j in joints_above(model, body) if j != joint]
+        root = int(model.body_rootid[body])
         swivels = [
-            j for j in others if model.jnt_type[j] == _HINGE and abs(data.xaxis[j][2]) > 0.9 and _below_root(model, j)
+            j
+            for j in others
+            if model.jnt_type[j] == _HINGE and abs(data.xaxis[j][2]) > 0.9 and model.jnt_bodyid[j] != root
         ]
         if abs(data.xaxis[joint][2]) > _LEVEL or not geoms:
             continue
         lowest = min(height_range_m(model, data, g)[0] for g in geoms)
-        root = root_of(model, body)
         floor = min(
             height_range_m(model, data, g)[0]
             for g in range(model.ngeom)
@@ -199,11 +191,6 @@ def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[i
         if lowest < floor + _NEAR_FLOOR_M and lowest < data.xanchor[joint][2]:
             found.append((joint, swivels))
     return found
-
-
-def _below_root(model: mujoco.MjModel, joint: int) -> bool:
-    body = int(model.jnt_bodyid[joint])
-    return body != root_of(model, body)
 
 
 def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:
@@ -258,8 +245,7 @@ def _sides(
         if (where[is_left].mean(axis=0) - where[~is_left].mean(axis=0)) @ across < 0.0:
             forward = -forward
     else:
-        root = root_of(model, int(model.jnt_bodyid[wheels[0]]))
-        axes = data.xmat[root].reshape(3, 3)
+        axes = data.xmat[model.body_rootid[model.jnt_bodyid[wheels[0]]]].reshape(3, 3)
         guess = ahead if ahead is not None and abs(ahead @ forward) > 0.5 else axes[:, 0]
         guess = guess if abs(guess @ forward) > 0.5 else axes[:, 1]
         if guess @ forward < 0.0:

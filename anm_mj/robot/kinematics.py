@@ -18,18 +18,38 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.drive_joints import HOLONOMIC
+from anm_mj.robot.reduced_model import BASE_JOINT, CAMERA, WHEEL_JOINTS
 from anm_mj.types import Pose2, WheelSpeeds
 
-BASE_JOINT = "base"
-WHEEL_JOINTS = ("wheel_left", "wheel_right")
-"""Left, right."""
-CAMERA = "camera"
-"""Name of the MJCF camera, and of the site at its pose with the axes x right, y down, z forward."""
 SAME_ROBOT = 1e-9
 """Largest difference between pinocchio's and MuJoCo's figures of a robot [m, kg]."""
 
 
-class RobotKinematics:
+class _Kinematics:
+    """What the kinematics of all bases have: a camera that is mounted rigidly."""
+
+    _T_base_camera: Float[np.ndarray, "4 4"]
+
+    @property
+    def T_base_camera(self) -> Float[np.ndarray, "4 4"]:
+        """Camera to base; camera axes x right, y down, z forward."""
+        return self._T_base_camera.copy()
+
+    def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
+        """Camera to world, for a base on the floor."""
+        return pose_matrix(pose) @ self._T_base_camera
+
+    def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
+        """Left and right wheel motion from forward motion and turn; no wheel turns where there is none."""
+        del forward, turn
+        return 0.0, 0.0
+
+    def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
+        """Wheel speeds for a forward speed and a turn rate."""
+        return WheelSpeeds(*self.wheel_motion(forward_mps, turn_radps))
+
+
+class RobotKinematics(_Kinematics):
     """Camera pose, and the relation between wheel and body motion, of a differential-drive base."""
 
     def __init__(self, mjcf_path: Path):
@@ -100,11 +120,6 @@ class RobotKinematics:
         return float(pin.computeTotalMass(self._model))
 
     @property
-    def T_base_camera(self) -> Float[np.ndarray, "4 4"]:
-        """Camera to base; camera axes x right, y down, z forward."""
-        return self._T_base_camera.copy()
-
-    @property
     def wheel_jacobian(self) -> Float[np.ndarray, "2 2"]:
         """Forward speed and turn rate (rows) per left and right wheel speed (columns), rolling without slip.
 
@@ -112,10 +127,6 @@ class RobotKinematics:
         """
         r, track = self._wheel_radius_m, self._track_m
         return np.array([[r / 2.0, r / 2.0], [-r / track, r / track]])
-
-    def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
-        """Camera to world, for a base on the floor."""
-        return pose_matrix(pose) @ self._T_base_camera
 
     def body_motion(self, left: float, right: float) -> tuple[float, float]:
         """Forward motion and turn from wheel motions: m and rad from rad, or m/s and rad/s from rad/s."""
@@ -125,14 +136,8 @@ class RobotKinematics:
 
     def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
         """Left and right wheel motion from forward motion and turn: the inverse of :meth:`body_motion`."""
-        half_track = self._track_m / 2.0
-        return (forward - turn * half_track) / self._wheel_radius_m, (
-            forward + turn * half_track
-        ) / self._wheel_radius_m
-
-    def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
-        """Wheel speeds for a forward speed and a turn rate."""
-        return WheelSpeeds(*self.wheel_motion(forward_mps, turn_radps))
+        radius, half_track = self._wheel_radius_m, self._track_m / 2.0
+        return (forward - turn * half_track) / radius, (forward + turn * half_track) / radius
 
     def odometry(self, pose: Pose2, left_rad: float, right_rad: float) -> Pose2:
         """The pose after these wheel rotations at a constant speed ratio: the SE(2) exponential.
@@ -142,31 +147,12 @@ class RobotKinematics:
         return move_pose(pose, *self.body_motion(left_rad, right_rad))
 
 
-class PlanarKinematics:
-    """Camera pose and odometry of a holonomic base, whose joints are its position and heading; it has no wheels."""
+class PlanarKinematics(_Kinematics):
+    """Camera pose of a holonomic base, whose joints are its position and heading; it has no wheels."""
 
     def __init__(self, T_base_camera: Float[np.ndarray, "4 4"]):
         """``T_base_camera``: camera to base; camera axes x right, y down, z forward."""
         self._T_base_camera = T_base_camera
-
-    @property
-    def T_base_camera(self) -> Float[np.ndarray, "4 4"]:
-        """Camera to base; camera axes x right, y down, z forward."""
-        return self._T_base_camera.copy()
-
-    def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
-        """Camera to world, for a base on the floor."""
-        return pose_matrix(pose) @ self._T_base_camera
-
-    def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
-        """No wheel turns."""
-        del forward, turn
-        return 0.0, 0.0
-
-    def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
-        """No wheel turns."""
-        del forward_mps, turn_radps
-        return WheelSpeeds(0.0, 0.0)
 
 
 Kinematics = RobotKinematics | PlanarKinematics

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import rigid_transform
+from anm_mj.mjcf.poses import body_pose, set_pose
 from anm_mj.robot.body_tree import joints_above
 
 
@@ -40,12 +41,8 @@ def lock_joints(
     for body_id in sorted({int(model.jnt_bodyid[j]) for j in locked}):
         parent = int(model.body_parentid[body_id])
         body = spec.body(model.body(body_id).name)
-        pose = np.linalg.inv(_pose(data, parent)) @ _pose(data, body_id)
-        pose = np.linalg.inv(_frame_pose(spec, body.frame)) @ pose
-        quat = np.empty(4)
-        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(pose[:3, :3]).ravel())
-        body.pos, body.quat = pose[:3, 3], quat
-        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        pose = np.linalg.inv(body_pose(data, parent)) @ body_pose(data, body_id)
+        set_pose(body, np.linalg.inv(_frame_pose(spec, body.frame)) @ pose)
     for element in [*spec.sensors, *spec.keys]:
         spec.delete(element)
     kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
@@ -77,10 +74,6 @@ def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
         model.joint(j).name in kept and model.jnt_bodyid[j] != model.body_rootid[body]
         for j in joints_above(model, body)
     )
-
-
-def _pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
-    return rigid_transform(data.xmat[body], data.xpos[body])
 
 
 def _frame_pose(spec: mujoco.MjSpec, frame: mujoco._specs.MjsFrame | None) -> Float[np.ndarray, "4 4"]:

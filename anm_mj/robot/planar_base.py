@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.mjcf.poses import set_pose
 from anm_mj.robot.body_tree import solid_geoms, unused_name
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.robot.isolate import remove_joints
@@ -54,11 +55,7 @@ def give_planar_joints(
     """
     body = spec.body(root)
     remove_joints(spec, {joint.name for joint in body.joints})
-    T_base_root = np.linalg.inv(T_root_base)
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_base_root[:3, :3]).ravel())
-    body.pos, body.quat = T_base_root[:3, 3], quat
-    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    set_pose(body, np.linalg.inv(T_root_base))
     joints, servos = [], []
     for column, wanted in enumerate(PLANAR_JOINTS):
         turns = column == 2

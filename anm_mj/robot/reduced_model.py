@@ -14,8 +14,16 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.mjcf.poses import quaternion_of
+from anm_mj.robot.body_tree import subtree
+
 LOOK_AHEAD_M = 0.15
 """Distance of the site ``look_ahead`` in front of the axle [m]."""
+BASE_JOINT = "base"
+WHEEL_JOINTS = ("wheel_left", "wheel_right")
+"""Left, right."""
+CAMERA = "camera"
+"""Name of the camera's site, with the axes x right, y down, z forward."""
 PLANAR_JOINTS = ("base_x", "base_y", "base_yaw")
 """Names of the joints of a holonomic base: two slides along the world's x and y, and a hinge about the base's z."""
 _PLANAR = "".join(
@@ -59,10 +67,7 @@ def reduced_mjcf(
     """
     T_base_world = np.linalg.inv(T_world_base)
     on_robot = [body for body in range(model.nbody) if model.body_rootid[body] == root]
-    on_wheels = [
-        [body for body in on_robot if any(_is_descendant(model, body, turning) for turning in wheel.bodies)]
-        for wheel in wheels
-    ]
+    on_wheels = [sorted({body for turning in wheel.bodies for body in subtree(model, turning)}) for wheel in wheels]
     on_base = [body for body in on_robot if not any(body in group for group in on_wheels)]
     hinges = "".join(
         f'<body name="{wheel.name}" pos="{_text(wheel.centre_m)}">'
@@ -71,20 +76,13 @@ def reduced_mjcf(
         for wheel, bodies in zip(wheels, on_wheels, strict=True)
     )
     joints = '<freejoint name="base"/>' if wheels else _PLANAR
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T_base_camera[:3, :3]).ravel())
+    quaternion = quaternion_of(T_base_camera[:3, :3])
     return (
         f'<mujoco model="reduced"><compiler angle="radian"/><worldbody><body name="base">{joints}'
         f"{_inertial(model, data, on_base, T_base_world, np.zeros(3))}"
         f'<site name="base"/><site name="camera" pos="{_text(T_base_camera[:3, 3])}" quat="{_text(quaternion)}"/>'
         f'<site name="look_ahead" pos="{LOOK_AHEAD_M} 0 0"/>{hinges}</body></worldbody></mujoco>'
     )
-
-
-def _is_descendant(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
-    while body not in (0, ancestor):
-        body = int(model.body_parentid[body])
-    return body == ancestor
 
 
 def _inertial(

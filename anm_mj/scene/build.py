@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from anm_mj.errors import RobotError, SceneError
+from anm_mj.mjcf.read_mjcf import compile_spec, read_spec
 from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import TOML, Scene
 from anm_mj.scene.height_boxes import needs_other_boxes, replace_boxes
 from anm_mj.scene.mjcf import VISUAL_GROUP
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
-from anm_mj.utils.quiet_mujoco import quiet
 from anm_mj.utils.read_file import read_bytes
-from anm_mj.utils.read_mjcf import read_spec
 
 if TYPE_CHECKING:
     import mujoco
@@ -27,13 +26,10 @@ def build_spec(scene: Scene) -> mujoco.MjSpec:
     Raises:
         SceneError: if scene.xml, or a mesh to be cut, cannot be read.
     """
-    import mujoco
-
     try:
         if b"<include" in read_bytes(scene.xml):
             raise ValueError("it includes other files")
-        with quiet(mujoco.set_mju_user_warning):
-            spec = read_spec(scene.xml, mujoco.MjSpec.from_file, levels_up=0)
+        spec = read_spec(scene.xml, levels_up=0)
         if scene.num_triangles >= MIN_TRIANGLES:
             cut_into_chunks(spec)
     except (ValueError, OSError) as err:
@@ -47,11 +43,8 @@ def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
     Raises:
         SceneError: if an asset is missing or damaged, or what is drawn is not what the scene states.
     """
-    import mujoco
-
     try:
-        with quiet(mujoco.set_mju_user_warning):
-            model = spec.compile()
+        model = compile_spec(spec)
     except ValueError as err:
         raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
     _require_drawn(model, scene)
@@ -59,11 +52,7 @@ def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
 
 
 def _require_drawn(model: mujoco.MjModel, scene: Scene, robot_prefix: str | None = None) -> None:
-    """Raise unless a model draws as many triangles as the scene has: a camera would see another world than is measured.
-
-    Raises:
-        SceneError: It does not.
-    """
+    """Raise unless a model draws every triangle of the scene: the camera would see another world than is measured."""
     drawn = sum(
         int(model.mesh_facenum[model.geom_dataid[geom]])
         for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_dataid >= 0)).tolist()
@@ -102,31 +91,25 @@ def build_model(
     """
     other_boxes = top_m is not None and needs_other_boxes(top_m)
 
-    def compiled() -> mujoco.MjModel:
+    def build() -> mujoco.MjModel:
         import mujoco
 
         spec = build_spec(scene)
         if top_m is not None and other_boxes:
             replace_boxes(spec, scene, top_m)
         if robot is None:
-            return compile_scene(spec, scene)
-        try:
-            # Attaching hands the robot over to the spec; the copy leaves the caller the original.
-            own = robot.copy()
-            own.option = spec.option  # The scene's count; others would only cause a warning.
-            spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
-            with quiet(mujoco.set_mju_user_warning):
-                model = spec.compile()
-        except ValueError as err:
-            compile_scene(build_spec(scene), scene)
-            raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
-        _require_drawn(model, scene, prefix)
-        return model
-
-    def build() -> mujoco.MjModel:
-        import mujoco
-
-        model = compiled()
+            model = compile_scene(spec, scene)
+        else:
+            try:
+                # Attaching hands the robot over to the spec; the copy leaves the caller the original.
+                own = robot.copy()
+                own.option = spec.option  # The scene's count; others would only cause a warning.
+                spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
+                model = compile_spec(spec)
+            except ValueError as err:
+                compile_scene(build_spec(scene), scene)
+                raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
+            _require_drawn(model, scene, prefix)
         # MuJoCo caches every decoded texture for another compilation, which does not come.
         mujoco.mj_clearCache(mujoco.mj_getCache())
         malloc_trim()

@@ -33,6 +33,8 @@ def cut_into_chunks(spec: mujoco.MjSpec) -> None:
     Raises:
         OSError: if a mesh file cannot be read.
     """
+    import mujoco
+
     assets = Path(spec.modelfiledir) / spec.meshdir
     visual = [geom for geom in spec.worldbody.geoms if geom.group == VISUAL_GROUP and geom.meshname]
     for geom in visual:
@@ -47,7 +49,18 @@ def cut_into_chunks(spec: mujoco.MjSpec) -> None:
         spec.delete(geom)
         spec.delete(mesh)
         for i, members in enumerate(chunks):
-            _add_chunk(spec, f"{name}/{i}", material, vertices, uv, faces[members])
+            _add_mesh(spec, f"{name}/{i}", vertices, uv, faces[members])
+            # With the settings of the class "visual".
+            spec.worldbody.add_geom(
+                name=f"{name}/{i}",
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=f"{name}/{i}",
+                material=material,
+                group=VISUAL_GROUP,
+                contype=0,
+                conaffinity=0,
+                mass=0.0,
+            )
 
 
 def _chunks_of(vertices: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f 3"]) -> list[Int[np.ndarray, " n"]]:
@@ -60,15 +73,8 @@ def _chunks_of(vertices: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f
     return np.split(order, np.cumsum(np.bincount(chunk.ravel()))[:-1])
 
 
-def _add_chunk(
-    spec: mujoco.MjSpec,
-    name: str,
-    material: str,
-    vertices: Float32[np.ndarray, "v 3"],
-    uv: Float32[np.ndarray, "w 2"],
-    faces: Int32[np.ndarray, "f 3"],
-) -> None:
-    """Add a mesh of these faces, and a geom with the settings of the class "visual"."""
+def _add_mesh(spec: mujoco.MjSpec, name: str, vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray) -> None:
+    """Add a mesh of the vertices that faces use."""
     import mujoco
 
     used, compact = np.unique(faces, return_inverse=True)
@@ -82,13 +88,3 @@ def _add_chunk(
     )
     if len(uv):
         mesh.usertexcoord = uv[used].ravel()
-    spec.worldbody.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname=name,
-        material=material,
-        group=VISUAL_GROUP,
-        contype=0,
-        conaffinity=0,
-        mass=0.0,
-    )

@@ -16,7 +16,7 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
@@ -27,9 +27,6 @@ from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import convert, read_npz, read_toml
-
-if TYPE_CHECKING:
-    import trimesh
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
 """Entries of a scene folder."""
@@ -76,22 +73,12 @@ class Scene:
         return _read_geometry(self.folder / GEOMETRY, self.hash)
 
     def obstacles(self) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-        """Vertices in the world [m] and faces of what the robot meets, most often the source triangles themselves.
-
-        Read-only, loaded once.
+        """As :meth:`triangles`, of what the robot meets: most often the source triangles themselves.
 
         Raises:
             SceneError: if geometry.npz cannot be read.
         """
         return _read_geometry(self.folder / GEOMETRY, self.hash, "obstacle_")
-
-    def geometry(self) -> trimesh.Trimesh:
-        """The exact source triangles as a mesh in the world [m]; loaded once, not to be changed.
-
-        Raises:
-            SceneError: if geometry.npz cannot be read.
-        """
-        return _geometry_mesh(self.folder / GEOMETRY, self.hash)
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -103,7 +90,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     path = Path(name_or_path)
     # A folder that merely shares its name with a scene, as /home does, does not hide the scene.
     if isinstance(name_or_path, str) and path.name == name_or_path and not os.path.isfile(path / TOML):
-        known = known_scenes()
+        known = _known_scenes()
         if name_or_path not in known and os.path.isdir(path):
             return read_scene_folder(path)
         if name_or_path not in known:
@@ -116,17 +103,40 @@ def load_scene(name_or_path: str | Path) -> Scene:
     return read_scene_folder(path)
 
 
-def known_scenes() -> dict[str, Path]:
+def list_scenes() -> list[Scene]:
+    """All scenes that have a name, sorted: builtin, the user's, imported ones, and those in the current folder.
+
+    A scene of the current folder hides others of the same folder name, as in :func:`load_scene`. A folder that cannot
+    be read is logged and left out.
+    """
+    folders = _known_scenes() | {folder.name: folder for folder in _scene_folders(Path.cwd())}
+    scenes = []
+    for name in sorted(folders):
+        try:
+            scenes.append(read_scene_folder(folders[name]))
+        except SceneError as err:
+            _logger.warning("scene %s is left out: %s", name, err)
+    return scenes
+
+
+def default_steps(rooms: int | None) -> int:
+    """The paper's budget for a scene of this many rooms [steps], where neither scene nor user names one."""
+    if rooms is None or rooms <= 5:
+        return 1000
+    return 2000 if rooms < 20 else 10_000
+
+
+def _known_scenes() -> dict[str, Path]:
     """Folders of all scenes that have a name, independent of the current folder.
 
     Of scenes with the same folder name, the user's scenes folder comes first, then the builtin scenes, then scenes
     imported elsewhere.
     """
-    folders = [*remembered_folders(), *(folder for root in scene_roots() for folder in scene_folders(root))]
+    folders = [*remembered_folders(), *(folder for root in _scene_roots() for folder in _scene_folders(root))]
     return {folder.name: folder for folder in folders}
 
 
-def scene_roots() -> list[Path]:
+def _scene_roots() -> list[Path]:
     """Folders whose subfolders are scenes: the builtin ones, then the user's."""
     return [data_folder("scenes"), _user_root()]
 
@@ -154,7 +164,7 @@ def remember_folder(folder: Path) -> None:
     """
     folder = folder.resolve()
     root, temporary = _user_root(), Path(tempfile.gettempdir()).resolve()
-    if temporary in folder.parents or folder.parent in [place.resolve() for place in scene_roots()]:
+    if temporary in folder.parents or folder.parent in [place.resolve() for place in _scene_roots()]:
         return
     kept = [place for place in remembered_folders() if place != folder]
     try:
@@ -164,7 +174,7 @@ def remember_folder(folder: Path) -> None:
         _logger.info("%s is not recorded among the scenes (%s)", folder, err.strerror)
 
 
-def scene_folders(root: Path) -> list[Path]:
+def _scene_folders(root: Path) -> list[Path]:
     """The scene folders directly below a folder, by name; none when it does not exist or may not be read."""
     try:
         return sorted(entry for entry in root.iterdir() if (entry / TOML).is_file())
@@ -200,11 +210,6 @@ def read_scene_folder(folder: Path) -> Scene:
 
 
 def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
-    """The scene that scene.toml describes.
-
-    Raises:
-        ValueError: An entry is missing, or not what it should be.
-    """
     from anm_mj.scene.toml_shape import SceneShape
 
     shape = convert(entries, SceneShape)
@@ -213,30 +218,16 @@ def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
         raise ValueError(f"bounds end before or where they begin: {shape.bounds}")
     if not shape.name.isprintable():
         raise ValueError(f"name = {shape.name!r} holds what cannot be printed")
-    return Scene(
-        name=shape.name,
-        folder=folder,
-        bounds_m=bounds,
-        num_triangles=shape.triangles,
-        starts=tuple(Pose2(x, y, math.radians(yaw_deg)) for x, y, yaw_deg in shape.starts),
-        has_ceiling=shape.has_ceiling,
-        cull_face=shape.cull_face,
-        licence=shape.licence,
-        source=shape.source,
-        rooms=shape.rooms,
-        budget_steps=shape.budget_steps,
-        hash=shape.hash,
-    )
+    starts = tuple(Pose2(x, y, math.radians(yaw_deg)) for x, y, yaw_deg in shape.starts)
+    same = {name: getattr(shape, name) for name in shape.__struct_fields__ if name in Scene.__dataclass_fields__}
+    return Scene(**same | {"folder": folder, "bounds_m": bounds, "num_triangles": shape.triangles, "starts": starts})
 
 
 @functools.lru_cache(maxsize=4)
 def _read_geometry(
     path: Path, content_hash: str, prefix: str = ""
 ) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-    """Vertices and faces of a geometry.npz; the hash invalidates the cache when a scene is imported again.
-
-    Where there are none with the prefix, those without.
-    """
+    """The arrays with the prefix, or else those without; the hash invalidates the cache when a scene changes."""
     try:
         arrays = read_npz(path)
         if prefix and f"{prefix}vertices" not in arrays:
@@ -249,12 +240,3 @@ def _read_geometry(
     vertices.setflags(write=False)
     faces.setflags(write=False)
     return vertices, faces
-
-
-@functools.lru_cache(maxsize=4)
-def _geometry_mesh(path: Path, content_hash: str) -> trimesh.Trimesh:
-    """The mesh of a geometry.npz."""
-    import trimesh
-
-    vertices, faces = _read_geometry(path, content_hash)
-    return trimesh.Trimesh(vertices, faces, process=False)

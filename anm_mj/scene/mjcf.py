@@ -82,17 +82,14 @@ def scene_mjcf(
                 ET.SubElement(asset, "texture", name=texture, type="2d", file=submesh.texture_file)
         ET.SubElement(asset, "mesh", name=submesh.name, file=submesh.mesh_file, inertia="shell")
         look = {"class": "visual", "name": submesh.name, "mesh": submesh.name, "material": submesh.name}
-        holder = bodies.get(submesh.part)
-        if holder is None:
-            ET.SubElement(world, "geom", look)
-        else:
+        if submesh.part in bodies:
             # Its mesh is stored where it stands at first.
-            movable, body = holder
-            T_object_world = np.linalg.inv(movable.T_world_object)
-            ET.SubElement(body, "geom", look | _pose(T_object_world))
-    ET.SubElement(
-        world, "geom", {"class": "collision"}, name="floor", type="plane", size="0 0 1", rgba="0.5 0.5 0.5 0.2"
-    )
+            movable, body = bodies[submesh.part]
+            ET.SubElement(body, "geom", look | _pose(np.linalg.inv(movable.T_world_object)))
+        else:
+            ET.SubElement(world, "geom", look)
+    floor = ET.SubElement(world, "geom", {"class": "collision"}, name="floor", type="plane", size="0 0 1")
+    floor.set("rgba", "0.5 0.5 0.5 0.2")
     for i, (x_min, y_min, x_max, y_max) in enumerate(boxes_m):
         centre = ((x_min + x_max) / 2, (y_min + y_max) / 2, BOX_TOP_M / 2)
         half = ((x_max - x_min) / 2, (y_max - y_min) / 2, BOX_TOP_M / 2)
@@ -106,15 +103,9 @@ def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index:
     name = f"movable_{index}"
     body = ET.SubElement(world, "body", {"name": name} | _pose(movable.T_world_object))
     ET.SubElement(body, "freejoint", name=name)
-    inertia = movable.inertia_kgm2
-    entries = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
-    ET.SubElement(
-        body,
-        "inertial",
-        pos=_exact(movable.centre_m),
-        mass=f"{movable.mass_kg:.9g}",
-        fullinertia=_exact(np.array(entries)),
-    )
+    inertia = _exact(movable.inertia_kgm2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    inertial = ET.SubElement(body, "inertial", pos=_exact(movable.centre_m), mass=f"{movable.mass_kg:.9g}")
+    inertial.set("fullinertia", inertia)
     for i, solid in enumerate(movable.solids):
         geom = ET.SubElement(body, "geom", {"class": "collision"}, name=f"{name}_{i}", type=solid.kind)
         geom.attrib.update(pos=_exact(solid.position_m), quat=_exact(solid.quaternion))
@@ -122,9 +113,8 @@ def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index:
         if solid.hull_m is None:
             geom.set("size", _exact(np.array(solid.size_m)))
         else:
-            ET.SubElement(
-                asset, "mesh", name=f"{name}_{i}", vertex=_exact(np.unique(solid.hull_m.round(6), axis=0).ravel())
-            )
+            hull = _exact(np.unique(solid.hull_m.round(6), axis=0).ravel())
+            ET.SubElement(asset, "mesh", name=f"{name}_{i}", vertex=hull)
             geom.set("mesh", f"{name}_{i}")
     return body
 
@@ -166,13 +156,11 @@ def write_msh(
         file.write(counts.tobytes())
         file.write(np.ascontiguousarray(vertices_m, dtype="<f4").tobytes())
         if uv is not None:
-            file.write(_v_down(uv).tobytes())
+            file.write(np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1).astype("<f4").tobytes())
         file.write(np.ascontiguousarray(faces, dtype="<i4").tobytes())
 
 
-def read_msh(
-    path: Path,
-) -> tuple[Float32[np.ndarray, "v 3"], Float32[np.ndarray, "w 2"], Int32[np.ndarray, "f 3"]]:
+def read_msh(path: Path) -> tuple[Float32[np.ndarray, "v 3"], Float32[np.ndarray, "w 2"], Int32[np.ndarray, "f 3"]]:
     """Read a file of ``write_msh``: vertices, texture coordinates (v down; none, or one per vertex) and faces.
 
     Raises:
@@ -188,8 +176,3 @@ def read_msh(
     vertices, uv = values[counts[0] : counts[1]], values[counts[2] : counts[3]]
     faces = np.frombuffer(data, dtype="<i4", offset=4 * int(counts[3]))
     return vertices.reshape(-1, 3), uv.reshape(-1, 2), faces.reshape(-1, 3)
-
-
-def _v_down(uv: Float[np.ndarray, "v 2"]) -> Float32[np.ndarray, "v 2"]:
-    """Texture coordinates with v = 0 at the top row of the image, as in MuJoCo."""
-    return np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1).astype("<f4")

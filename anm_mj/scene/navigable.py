@@ -90,11 +90,9 @@ def navigable_area(
     floor = floor_cells(triangles_m, grid, closing_cells=2)
     clearance = (distance_cells(~blocked) * grid.resolution_m).astype(np.float32)
     labels, num = label_components((clearance >= footprint.radius_m) & floor)
-    sizes = np.bincount(labels.ravel(), minlength=num + 1)
-    sizes[0] = 0
     indoors = _indoors(blocked)
-    walled = np.bincount(labels[indoors], minlength=num + 1)
-    walled[0] = 0
+    sizes, walled = (np.bincount(own.ravel(), minlength=num + 1) for own in (labels, labels[indoors]))
+    sizes[0] = walled[0] = 0
     largest_m2 = float(sizes.max()) * grid.resolution_m**2
     if largest_m2 < _MIN_AREA_M2:
         raise SceneError(

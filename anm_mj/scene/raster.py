@@ -14,6 +14,8 @@ from jaxtyping import Bool, Float, Float64, Int
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
+_Cells = Int[np.ndarray, " n"]
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -86,28 +88,19 @@ def rasterise(polygons_m: Float64[np.ndarray, "p k 2"], grid: Grid) -> Bool[np.n
     x, y = in_cells[:, :, 0], in_cells[:, :, 1]
     first_row, last_row = _cells(y.min(axis=1)), _cells(y.max(axis=1))
     flat = first_row == last_row
-    rows = first_row[flat]
-    first_col, last_col = _cells(x[flat].min(axis=1)), _cells(x[flat].max(axis=1))
-    tall_rows, tall_first, tall_last = _row_runs(x[~flat], y[~flat], first_row[~flat], last_row[~flat])
-    return _fill_runs(
-        np.concatenate([rows, tall_rows]),
-        np.concatenate([first_col, tall_first]),
-        np.concatenate([last_col, tall_last]),
-        grid,
-    )
+    low = first_row[flat], _cells(x[flat].min(axis=1)), _cells(x[flat].max(axis=1))
+    tall = _row_runs(x[~flat], y[~flat], first_row[~flat], last_row[~flat])
+    rows, first_col, last_col = (np.concatenate(pair) for pair in zip(low, tall, strict=True))
+    return _fill_runs(rows, first_col, last_col, grid)
 
 
-def _cells(coordinates: Float64[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Index of the cell that holds each coordinate."""
+def _cells(coordinates: Float64[np.ndarray, " n"]) -> _Cells:
     return np.floor(coordinates).astype(np.int64)
 
 
 def _row_runs(
-    x: Float64[np.ndarray, "n k"],
-    y: Float64[np.ndarray, "n k"],
-    first_row: Int[np.ndarray, " n"],
-    last_row: Int[np.ndarray, " n"],
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    x: Float64[np.ndarray, "n k"], y: Float64[np.ndarray, "n k"], first_row: _Cells, last_row: _Cells
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row, first and last column of every run of cells that polygons of more than one row cover."""
     counts = last_row - first_row + 1
     which = np.repeat(np.arange(len(counts)), counts)
@@ -131,9 +124,7 @@ def _row_runs(
     return rows[found], _cells(low[found]), _cells(high[found])
 
 
-def _fill_runs(
-    rows: Int[np.ndarray, " m"], first_col: Int[np.ndarray, " m"], last_col: Int[np.ndarray, " m"], grid: Grid
-) -> Bool[np.ndarray, "rows cols"]:
+def _fill_runs(rows: _Cells, first_col: _Cells, last_col: _Cells, grid: Grid) -> Bool[np.ndarray, "rows cols"]:
     """A grid with all runs set: +1 where one begins, -1 behind its end, summed along the rows."""
     inside = (rows >= 0) & (rows < grid.rows) & (last_col >= 0) & (first_col < grid.cols)
     rows = rows[inside]

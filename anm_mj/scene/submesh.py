@@ -62,16 +62,9 @@ def without_degenerate_faces(submesh: Submesh) -> Submesh | None:
     if not len(faces):
         return None
     used, compact = np.unique(faces, return_inverse=True)
-    return Submesh(
-        submesh.name,
-        submesh.vertices_m[used],
-        compact.reshape(-1, 3).astype(np.int32),
-        submesh.rgb,
-        None if submesh.uv is None else submesh.uv[used],
-        submesh.texture,
-        submesh.tiled,
-        submesh.part,
-    )
+    uv = None if submesh.uv is None else submesh.uv[used]
+    faces = compact.reshape(-1, 3).astype(np.int32)
+    return replace(submesh, vertices_m=submesh.vertices_m[used], faces=faces, uv=uv)
 
 
 def is_within(part: str, others: Collection[str]) -> bool:
@@ -111,14 +104,12 @@ def merge_alike(submeshes: list[Submesh], apart: Collection[str] = ()) -> list[S
         own = next((part for part in apart if is_within(submesh.part, [part])), "")
         look = (submesh.rgb, None if submesh.texture is None else id(submesh.texture), own)
         groups.setdefault(look, []).append(replace(submesh, part=own))
-    return [_merged(group) for group in groups.values()]
-
-
-def _merged(group: list[Submesh]) -> Submesh:
-    """One submesh of submeshes that look alike."""
-    first = group[0]
-    if len(group) == 1:
-        return first
-    vertices, faces = merge_geometry(group)
-    uvs = [submesh.uv for submesh in group if submesh.uv is not None]
-    return replace(first, vertices_m=vertices, faces=faces, uv=None if first.texture is None else np.concatenate(uvs))
+    merged = []
+    for first, *others in groups.values():
+        if others:
+            vertices, faces = merge_geometry([first, *others])
+            uvs = [submesh.uv for submesh in (first, *others) if submesh.uv is not None]
+            uv = None if first.texture is None else np.concatenate(uvs)
+            first = replace(first, vertices_m=vertices, faces=faces, uv=uv)
+        merged.append(first)
+    return merged

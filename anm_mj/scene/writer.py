@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Float32, Int32
 from PIL import Image
 
 from anm_mj.errors import SceneError
@@ -116,8 +116,12 @@ def write_scene(
         )
     vertices, faces = _single(proper)
     triangles = vertices[faces]
-    solid = None if obstacles is None else _single(obstacles)
-    solid_triangles = None if solid is None else solid[0][solid[1]]
+    arrays: dict[str, Any] = {"vertices": vertices, "faces": faces}
+    solid_triangles = None
+    if obstacles is not None:
+        solid_vertices, solid_faces = _single(obstacles)
+        solid_triangles = solid_vertices[solid_faces]
+        arrays |= {"obstacle_vertices": solid_vertices, "obstacle_faces": solid_faces}
     rooms = info.rooms
     if starts is None or rooms is None:
         area = navigable_area(triangles, DEFAULT_FOOTPRINT, solid_triangles)
@@ -152,11 +156,8 @@ def write_scene(
     fixed = [submesh for submesh in obstacles or proper if not is_within(submesh.part, moving)]
     boxes = np.zeros((0, 4))
     if fixed:
-        own_vertices, own_faces = _single(fixed)
-        boxes = collision_boxes(own_vertices[own_faces])
-    arrays: dict[str, Any] = {"vertices": vertices, "faces": faces}
-    if solid is not None:
-        arrays |= {"obstacle_vertices": solid[0], "obstacle_faces": solid[1]}
+        fixed_vertices, fixed_faces = _single(fixed)
+        boxes = collision_boxes(fixed_vertices[fixed_faces])
     with replaced_folder(out) as folder:
         drawn = _write_assets(proper, folder / ASSETS)
         mjcf = scene_mjcf(info.name, drawn, boxes, bounds, movables)
@@ -167,11 +168,7 @@ def write_scene(
 
 
 def _require_width(area: NavigableArea, name: str) -> None:
-    """Refuse what is no floor: without one, the tops of walls are the largest level surface.
-
-    Raises:
-        SceneError: the floor is nowhere wider than a wall is thick.
-    """
+    """Refuse a floor that is nowhere wider than a wall: without one, tops of walls are the largest level surface."""
     widest_m = 2.0 * float(area.clearance_m[area.component == 1].max())
     if widest_m < _NARROWEST_FLOOR_M:
         raise SceneError(
@@ -249,40 +246,25 @@ def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:
             key = hashlib.sha256(submesh.texture.tobytes()).digest()
             texture_file = texture_files.setdefault(key, f"{name}.png")
             if texture_file == f"{name}.png":
-                _write_png(assets / texture_file, submesh.texture)
-        write_msh(
-            assets / f"{name}.msh", submesh.vertices_m, submesh.faces, None if texture_file is None else submesh.uv
-        )
+                Image.fromarray(submesh.texture).save(assets / texture_file, compress_level=_PNG_COMPRESSION)
+        uv = None if texture_file is None else submesh.uv
+        write_msh(assets / f"{name}.msh", submesh.vertices_m, submesh.faces, uv)
         drawn.append(Drawn(name, f"{name}.msh", texture_file, submesh.rgb, submesh.part))
     return drawn
 
 
-def _write_png(path: Path, image: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write an image, row 0 at its top."""
-    Image.fromarray(image).save(path, compress_level=_PNG_COMPRESSION)
-
-
 def _content_hash(submeshes: list[Submesh], obstacles: list[Submesh], movables: tuple[Movable, ...]) -> str:
     """sha256 over everything that can be seen or bumped into."""
-    digest = hashlib.sha256()
-    for movable in movables:
-        digest.update(repr(movable).encode())
+    digest = hashlib.sha256("".join(map(repr, movables)).encode())
     for submesh in [*submeshes, *obstacles]:
-        arrays: list[Float[np.ndarray, "..."] | None] = [submesh.vertices_m, submesh.faces, submesh.uv, submesh.texture]
-        for array in arrays:
+        for array in (submesh.vertices_m, submesh.faces, submesh.uv, submesh.texture):
             digest.update(b"-" if array is None else f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
         digest.update(repr(submesh.rgb).encode())
     return digest.hexdigest()
 
 
 def _toml(entries: dict[str, object]) -> str:
-    """Entries as TOML, without those that are None.
-
-    JSON's strings, numbers, booleans and arrays are TOML's too, except for the delete character.
-    """
-    lines = [
-        f"{key} = {json.dumps(value, ensure_ascii=False)}\n".replace("\x7f", "\\u007f")
-        for key, value in entries.items()
-        if value is not None
-    ]
-    return "".join(lines)
+    """Entries as TOML, without those that are None."""
+    # JSON's strings, numbers, booleans and arrays are TOML's too, except for the delete character.
+    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in entries.items() if value is not None}
+    return "".join(f"{key} = {text}\n" for key, text in texts.items()).replace("\x7f", "\\u007f")

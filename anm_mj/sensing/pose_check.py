@@ -51,17 +51,20 @@ class PoseCheck:
         said = _pose(np.linalg.inv(self._T_fixed_said) @ pose_matrix(there))
         return replace(observation, pose=said, T_world_camera=pose_matrix(said) @ self._T_base_camera)
 
-    def check(self, observation: Observation, action: Action | None, sdf_m: SdfQuery | None) -> Observation:
+    def check(
+        self, observation: Observation, action: Action | None, sdf_m: SdfQuery | None, *, judges: bool = True
+    ) -> Observation:
         """A frame with its pose as far as it can be believed.
 
         Args:
             observation: the frame; its pose is finite.
             action: that moved the robot since the last frame; None where none did.
             sdf_m: signed distance of the map before this frame [m]; None: a jump is taken as it is.
+            judges: whether jumps are looked for.
         """
         last, observation = self._last, self._corrected(observation)
         self._T_base_camera = np.linalg.inv(pose_matrix(observation.pose)) @ observation.T_world_camera
-        if last is not None:
+        if last is not None and judges:
             there, said = _after(last, action), observation.pose
             off_m = math.dist(there.xy_m, said.xy_m)
             off_rad = abs(wrap_angle(said.yaw_rad - there.yaw_rad))

@@ -14,7 +14,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from anm_mj.sensing.outliers import MANY_OUTLIERS, outliers
+from anm_mj.sensing.pixel_state import find_outliers, is_measured, judge_pixels
 from anm_mj.sensing.pose_check import PoseCheck
 from anm_mj.types import Action, Intrinsics, Observation, SdfQuery
 
@@ -26,6 +26,8 @@ FEW_FRAMES = 3
 """One frame without depth may show a wall that is too near; after this many, nothing is known of the surroundings."""
 BLACK_LEVEL = 8
 """An image without any brighter value is black: what a closed lens shows is not all zero [0..255]."""
+MANY_OUTLIERS = 0.002
+"""A frame with a larger share of pixels that no neighbour agrees with is not a camera's usual one."""
 SAY_AGAIN_FRAMES = 50
 """A fault that comes and goes is said again after so many faulty frames."""
 
@@ -82,6 +84,7 @@ class SensorMonitor:
         action: Action | None = None,
         moved: bool = False,
         sdf_m: SdfQuery | None = None,
+        judges_pose: bool = True,
     ) -> Observation:
         """Take a frame in.
 
@@ -90,6 +93,7 @@ class SensorMonitor:
             action: what the robot did since the last one; None for nothing, or unknown.
             moved: whether it moved, or turned, by that.
             sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
+            judges_pose: whether a pose that is not where the action led is a jump; False where localisation judges it.
 
         Returns:
             The frame as far as it can be believed: with a pose, without outliers, without any depth where it is faulty.
@@ -100,8 +104,7 @@ class SensorMonitor:
             observation, faulty = self._pose.without_pose(observation, action if moved else None), True
         if not self._count(SHAPE, _has_shape_of(observation, self._camera), observation):
             observation, faulty = _blank(observation, self._camera), True
-        measured = np.isfinite(observation.depth_m) & (observation.depth_m > 0.0)
-        has_depth = bool(measured.any())
+        has_depth = bool(is_measured(observation.depth_m).any())
         self._has_measured |= has_depth and not faulty
         # A frame that was blanked here counts once, for its own reason.
         if not self._count(BLIND, has_depth or faulty, observation):
@@ -114,9 +117,11 @@ class SensorMonitor:
         if not self._count(BLACK, not black or not self._has_colour or faulty, observation):
             faulty = True
         self._last = raw
-        observation = self._pose.check(observation, action if moved else None, None if faulty else sdf_m)
+        judge = None if faulty else sdf_m
+        observation = self._pose.check(observation, action if moved else None, judge, judges=judges_pose)
         if faulty:
-            return replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
+            observation = replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
+            return judge_pixels(observation)
         return self._without_outliers(observation)
 
     def _count(self, kind: str, good: bool, observation: Observation) -> bool:
@@ -134,13 +139,12 @@ class SensorMonitor:
         self._num_faulty[kind] += 1
 
     def _without_outliers(self, observation: Observation) -> Observation:
-        """The frame without pixels that nothing beside them agrees with, if it has too many of them for a camera."""
-        alone = outliers(observation.depth_m, support=1)
+        """The judged frame, without outliers if it has too many of them for a camera."""
+        alone = find_outliers(observation.depth_m, support=1)
         if np.count_nonzero(alone) <= MANY_OUTLIERS * alone.size:
-            return observation
+            return judge_pixels(observation)
         self._say(SPECKLED, observation)
-        depth_m = np.where(outliers(observation.depth_m), np.float32(np.nan), observation.depth_m)
-        return replace(observation, depth_m=depth_m)
+        return judge_pixels(observation, find_outliers(observation.depth_m))
 
 
 def _is_same_image(a: Observation, b: Observation) -> bool:

@@ -60,8 +60,8 @@ def make_robot(
     Raises:
         ConfigError: if there is no such drive or pose source, or a number is out of range.
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
-        RobotError: if there is no such robot, the robot lacks a part, the sensor's range exceeds the camera's far
-            plane, or a wheel is to stick of a robot that has none.
+        RobotError: if there is no such robot, the robot lacks a part, or the sensor's range exceeds the camera's far
+            plane.
         RenderError: if the user's GL back-end does not work.
     """
     config = SimulationConfig(str(scene.folder), **options) if config is None else replace(config, **options)
@@ -89,8 +89,6 @@ def make_robot(
         prefix=_PREFIX,
         top_m=description.footprint.z_max_m,
     )
-    if config.motion.fault != "none" and not description.wheel_joints:
-        raise RobotError(f"motion.fault is '{config.motion.fault}', but the robot {description.name} has no wheels.")
     _require_range(config.sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)
     odometer = odometer_of(kinematics_of(description), noise=config.model.wheel_noise, seed=config.seed)
@@ -108,7 +106,7 @@ def make_robot(
     )
     if forgets_textures and imager.kind == GlCamera.kind:
         forget_content(model.tex_data)
-    T_base_camera = description.T_base_camera if config.pose == "odometry" else None
+    T_base_camera = description.T_base_camera if config.pose != "true" else None
     return SimRobot(
         model,
         data,
@@ -119,7 +117,6 @@ def make_robot(
         robot_hash=description.hash,
         sensor=config.sensor,
         seed=config.seed,
-        motion=config.motion,
     )
 
 

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32, UInt8
 
+from anm_mj.mjcf.texture_image import texture_image
 from anm_mj.sim.camera import VISIBLE_GROUPS
 
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
@@ -99,14 +100,6 @@ def texture_of(model: mujoco.MjModel, geom: int) -> int:
     material = int(model.geom_matid[geom])
     picture = int(model.mat_texid[material, _RGB]) if material >= 0 else -1
     return picture if picture >= 0 and model.tex_type[picture] == mujoco.mjtTexture.mjTEXTURE_2D else -1
-
-
-def texture_image(model: mujoco.MjModel, picture: int) -> UInt8[np.ndarray, "h w 3"]:
-    """A texture of the model; row 0 is at v = 0."""
-    height, width, channels = model.tex_height[picture], model.tex_width[picture], model.tex_nchannel[picture]
-    first = model.tex_adr[picture]
-    image = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
-    return np.repeat(image, 3, axis=2) if channels == 1 else image[:, :, :3].copy()
 
 
 def _rgba(model: mujoco.MjModel) -> Float32[np.ndarray, "n 4"]:

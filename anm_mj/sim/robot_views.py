@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from anm_mj.mjcf.poses import set_pose
+from anm_mj.robot.isolate import remove_joints
 from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.types import Footprint
@@ -47,16 +49,8 @@ def robot_views(
     if not any(geom.group == 0 for geom in drawn.geoms):
         for geom in drawn.geoms:
             geom.group = 0
-    for joint in list(drawn.joints):
-        if joint.parent.name == root:
-            for actuator in [a for a in drawn.actuators if a.target == joint.name]:
-                drawn.delete(actuator)
-            drawn.delete(joint)
-    body = drawn.body(root)
-    T_base_root = np.linalg.inv(T_root_base)
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_base_root[:3, :3]).ravel())
-    body.pos, body.quat, body.alt.type = T_base_root[:3, 3], quat, mujoco.mjtOrientation.mjORIENTATION_QUAT
+    remove_joints(drawn, {joint.name for joint in drawn.body(root).joints})
+    set_pose(drawn.body(root), np.linalg.inv(T_root_base))
     world = drawn.worldbody
     world.add_light(
         pos=[1.0, 1.0, 4.0],

@@ -12,11 +12,10 @@ from jaxtyping import Float, Float32
 from anm_mj.errors import RobotError
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
+from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
-from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.camera_sensor import Sensor
-from anm_mj.sim.sensors.faults import SensorFaults
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
@@ -31,15 +30,6 @@ class AnticipatingDrive(Protocol):
         ...
 
 
-@runtime_checkable
-class StickingDrive(Protocol):
-    """A drive whose wheels can be made to stick."""
-
-    def stick(self, *, left: bool, right: bool) -> None:
-        """Say of the wheels of each side whether they stick from now on."""
-        ...
-
-
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -49,7 +39,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("_model", "_data", "_camera", "_coming", "_spare")
+    REBUILT = ("model", "data", "_camera", "_coming", "_spare")
 
     def __init__(
         self,
@@ -62,7 +52,6 @@ class SimRobot:
         robot_hash: str = "",
         sensor: SensorConfig | None = None,
         seed: int = 0,
-        motion: MotionConfig | None = None,
     ):
         """Combine the parts.
 
@@ -77,32 +66,27 @@ class SimRobot:
             robot_hash: identifies the robot.
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
-            motion: names a fault of the wheels; None = none.
         """
-        self._model = model
-        self._data = data
+        self.model = model
+        self.data = data
         self._camera = camera
         self._drive = drive
-        self._footprint = footprint
+        self.footprint = footprint
         self._T_base_camera = T_base_camera
-        self._robot_hash = robot_hash
+        self.robot_hash = robot_hash
+        self.camera_kind = camera.kind
+        """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
         self._sensor_config = sensor or SensorConfig()
         self._sensor = Sensor(self._sensor_config, seed)
         self._odometry = NoisyOdometry(self._sensor_config, seed)
-        self._faults = SensorFaults(sensor or SensorConfig(), seed)
-        self._motion = motion or MotionConfig()
-        self._looked: tuple[Observation, Float32[np.ndarray, "h w"], bool] | None = None
-        """The last observation, the exact depth at its time [m], and whether its image is an older one's."""
-        self._step = 0
+        self._looked: tuple[Observation, Float32[np.ndarray, "h w"]] | None = None
+        """The last observation, and the exact depth at its time [m]."""
+        self.step = 0
+        """Number of executed actions, including refused ones, without STOP."""
         self._coming: list[tuple[Action, mujoco.MjData]] = []
         """The next actions whose images were begun, and the state after each."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
-
-    @property
-    def footprint(self) -> Footprint:
-        """The cylinder that must stay clear of obstacles."""
-        return self._footprint
 
     @property
     def pose(self) -> Pose2:
@@ -117,41 +101,14 @@ class SimRobot:
         """
         if self._looked is None:
             raise RobotError("There is no view yet; call observe first.")
-        given, exact_m, stale = self._looked
-        same = given.depth_m.shape == exact_m.shape and not stale
-        valued = np.isfinite(given.depth_m) & (given.depth_m > 0.0) if same else np.zeros(exact_m.shape, bool)
-        depth_m = np.where(valued, exact_m, np.float32(np.nan))
-        return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), depth_m)
-
-    @property
-    def camera_kind(self) -> str:
-        """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
-        return self._camera.kind
+        seen, exact_m = self._looked
+        depth_m = np.where(is_measured(seen.depth_m), exact_m, np.float32(np.nan))
+        return TrueView(self._drive.pose, self._camera.T_world_camera(self.data), depth_m)
 
     @property
     def odometry(self) -> Pose2:
         """Pose of the base by wheel odometry, with the errors of the sensor."""
         return self._odometry.read(self._drive.odometry)
-
-    @property
-    def robot_hash(self) -> str:
-        """sha256 of the robot in MuJoCo's reading."""
-        return self._robot_hash
-
-    @property
-    def step(self) -> int:
-        """Number of executed actions, including refused ones, without STOP."""
-        return self._step
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The simulated model."""
-        return self._model
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The simulation's state."""
-        return self._data
 
     def observe(self) -> Observation:
         """The view from the present pose, with true poses or poses by wheel odometry.
@@ -159,18 +116,18 @@ class SimRobot:
         Raises:
             RenderError: after ``close``.
         """
-        self._update_poses(self._data)
-        rgb, exact_m = self._camera.render(self._data)
+        self._update_poses(self.data)
+        rgb, exact_m = self._camera.render(self.data)
         self._forget_coming()
         # Frames are told apart by their time: velocities do not count as steps.
-        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
-        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
+        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self.data.time))
+        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self.data)
         if self._T_base_camera is not None:
             pose = self.odometry
             T_world_camera = pose_matrix(pose) @ self._T_base_camera
         seen = Observation(
-            step=self._step,
-            time_s=float(self._data.time),
+            step=self.step,
+            time_s=float(self.data.time),
             rgb=rgb,
             depth_m=depth_m,
             intrinsics=self._camera.intrinsics,
@@ -178,15 +135,14 @@ class SimRobot:
             pose=pose,
             range_m=self._sensor.range_m,
         )
-        given = self._faults.put_on(seen)
-        self._looked = given, exact_m, self._faults.is_stale(seen)
-        return given
+        self._looked = seen, exact_m
+        return seen
 
     def _update_poses(self, data: mujoco.MjData) -> None:
         """After any joint motion the poses of bodies and cameras are outdated."""
-        mujoco.mj_kinematics(self._model, data)
-        mujoco.mj_comPos(self._model, data)
-        mujoco.mj_camlight(self._model, data)
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_camlight(self.model, data)
 
     def anticipate(self, *actions: Action) -> None:
         """Begin the images after actions, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
@@ -199,7 +155,7 @@ class SimRobot:
             self._spare += [data for _, data in self._coming[wrong:]]
             del self._coming[wrong:]
         for number in range(len(self._coming), len(actions)):
-            coming = self._spare.pop() if self._spare else mujoco.MjData(self._model)
+            coming = self._spare.pop() if self._spare else mujoco.MjData(self.model)
             self._drive.anticipate(actions[: number + 1], coming)
             self._update_poses(coming)
             self._coming.append((actions[number], coming))
@@ -214,9 +170,8 @@ class SimRobot:
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
-        self._begin_fault()
         result = self._drive.act(action)
-        self._step += action != Action.STOP
+        self.step += action != Action.STOP
         return result
 
     def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
@@ -229,10 +184,9 @@ class SimRobot:
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)
-            self._faults = SensorFaults(self._sensor_config, seed)
-        mujoco.mj_resetData(self._model, self._data)
+        mujoco.mj_resetData(self.model, self.data)
         self.place(pose)
-        self._step = 0
+        self.step = 0
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s]; ``step`` does not count it.
@@ -240,15 +194,7 @@ class SimRobot:
         Raises:
             RobotError: if the duration is not positive, or the velocity not finite.
         """
-        self._begin_fault()
         return self._drive.drive(twist, duration_s)
-
-    def _begin_fault(self) -> None:
-        """Let a wheel stick from the step on that the settings name."""
-        fault = self._motion.fault
-        if fault != "none" and isinstance(self._drive, StickingDrive):
-            now = self._step >= self._motion.fault_step
-            self._drive.stick(left=now and fault == "left-wheel", right=now and fault == "right-wheel")
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point share a vertical plane.
@@ -266,22 +212,22 @@ class SimRobot:
         self._drive.place(pose)
         self._odometry.restart()
 
-    def checkpoint_state(self) -> Float[np.ndarray, " n"]:
+    def get_state(self) -> Float[np.ndarray, " n"]:
         """The simulation's state, for a checkpoint: all that its next step depends on."""
-        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
-        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
 
-    def restore_state(self, state: Float[np.ndarray, " n"]) -> None:
-        """Take over what :meth:`checkpoint_state` gave.
+    def set_state(self, state: Float[np.ndarray, " n"]) -> None:
+        """Take over what :meth:`get_state` gave.
 
         Raises:
             RobotError: It is that of another model.
         """
-        if state.shape != (mujoco.mj_stateSize(self._model, _STATE),):
+        if state.shape != (mujoco.mj_stateSize(self.model, _STATE),):
             raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
-        mujoco.mj_setState(self._model, self._data, state, _STATE)
-        self._update_poses(self._data)
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+        self._update_poses(self.data)
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

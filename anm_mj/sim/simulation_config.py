@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from anm_mj.errors import ConfigError
 from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.robot.robot_presets import preset_config
-from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
+
+if TYPE_CHECKING:
+    from anm_mj.types import Pose2
 
 DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry", "slam")
@@ -22,18 +22,18 @@ LARGEST_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """All that makes a simulated robot in a scene; the configurations of runs, comparisons and environments build on
-    it, and take their defaults from here.
-    """
+    """All that makes a simulated robot in a scene; runs, comparisons and environments have their defaults from here."""
 
     scene: str
     """Name from the catalogue, or path of a scene folder."""
     robot: str = DEFAULT_ROBOT
-    """Name of a robot, or an MJCF file."""
+    """Your robot's MJCF file, or a name: ``diff_drive``, ``stretch3``, ``turtlebot3_burger``, ``turtlebot3_waffle_pi``,
+    or one of the package robot_descriptions."""
     drive: str = "kinematic"
     """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
-    """The pose in the observations: the ``true`` one, or the one from wheel ``odometry``."""
+    """Where poses come from: ``true``, wheel ``odometry``, or ``slam`` (odometry, corrected by localisation in
+    the map)."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
     start: tuple[float, float, float] | None = None
@@ -46,8 +46,6 @@ class SimulationConfig:
     """Optics and mount of the camera where they differ from the robot's file."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """Errors of camera and odometry."""
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    """Faults of the wheels."""
 
     def __post_init__(self) -> None:
         """Fill in the settings of the named robot, and check the values.
@@ -57,6 +55,8 @@ class SimulationConfig:
             RobotError: the settings of the named robots cannot be read.
         """
         if self.model is None:
+            from anm_mj.robot.robot_presets import preset_config  # Names alone should not cost the import of numpy.
+
             object.__setattr__(self, "model", preset_config(self.robot))
         require_choice("drive", self.drive, DRIVES)
         require_choice("pose", self.pose, POSES)
@@ -71,6 +71,8 @@ class SimulationConfig:
         """The start with its yaw in radians; None = the scene's first."""
         if self.start is None:
             return None
+        from anm_mj.types import Pose2  # Settings alone should not cost the import of numpy.
+
         x_m, y_m, yaw_deg = self.start
         return Pose2(x_m, y_m, math.radians(yaw_deg))
 

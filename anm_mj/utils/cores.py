@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+
+from anm_mj import _native
 
 _lock = threading.Lock()
 _lent = 0
-_listeners: list[Callable[[int], None]] = []
-
-
-def tell_lent(listener: Callable[[int], None]) -> None:
-    """Have a function called with the number of lent cores whenever it changes."""
-    with _lock:
-        _listeners.append(listener)
-        listener(_lent)
 
 
 def num_lent() -> int:
@@ -25,7 +19,7 @@ def num_lent() -> int:
 
 @contextmanager
 def lent_core() -> Iterator[None]:
-    """While this goes on, another thread computes on one of the cores; what else is computed does with one less."""
+    """While this goes on, another thread computes on one of the cores; the native engine does with one less."""
     _change(1)
     try:
         yield
@@ -37,5 +31,4 @@ def _change(by: int) -> None:
     global _lent
     with _lock:
         _lent += by
-        for listener in _listeners:
-            listener(_lent)
+        _native.lend_cores(_lent)

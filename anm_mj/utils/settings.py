@@ -10,8 +10,6 @@ import math
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal, TypeVar, get_origin, get_type_hints
 
-from anm_mj.utils.read_file import convert
-
 T = TypeVar("T")
 
 _LIMITS = "limits"
@@ -76,6 +74,8 @@ def of_type(config: type, name: str, value: Any) -> Any:
     Raises:
         ValueError: it is of another type.
     """
+    from anm_mj.utils.read_file import convert  # Settings alone should not cost the import of numpy.
+
     try:
         return convert(value, _hints(config)[name])
     except TypeError:

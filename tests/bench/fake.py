@@ -1,5 +1,6 @@
 """Runs that take a moment and explore nothing; what comes out depends on the job alone."""
 
+import csv
 import json
 import os
 import signal
@@ -10,6 +11,19 @@ import numpy as np
 
 from anm_mj.bench.job import Job
 from anm_mj.errors import PlanError
+
+TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
+"""Columns that differ between machines and times, besides those that begin with ``hz_``."""
+POLICIES = ["random", "gvg", "frontier", "anm-s"]
+
+
+def table(out):
+    """The tidy table without the columns that tell the time."""
+    with (out / "results.csv").open() as rows:
+        return [
+            {k: v for k, v in row.items() if k not in TIMINGS and not k.startswith("hz_")}
+            for row in csv.DictReader(rows)
+        ]
 
 
 def quick(job: Job, folder: Path) -> None:

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from anm_mj.bench.best_known import best_known, situation
+from anm_mj.bench.job import Job
 from anm_mj.bench.results_table import tidy_rows
 from anm_mj.bench.run_result import Result, split_settings
 from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import BOUND
+from anm_mj.utils.read_file import convert
 
 BUDGET = 100
 
@@ -14,10 +16,10 @@ def result(policy, ratios, start=0, folder=None, **job):
     """A run whose observable ratio takes these values, evenly over its steps."""
     steps = np.linspace(0.0, 10.0 * (len(ratios) - 1), len(ratios))
     ratio = np.array(ratios, float)
-    known = {"steps": BUDGET, "settings": [], "policy": policy, "scene_name": "flat", "scene_hash": "0" * 64}
+    known = {"steps": BUDGET, "policy": policy, "scene": "", "scene_name": "flat", "scene_hash": "0" * 64}
     curve = np.stack([steps, ratio / 2.0, 100.0 - ratio, ratio, 0.05 * steps], axis=1)
-    known |= {"start": start, "seed": 0, **job}
-    return Result(known, {}, "x", curve, **({} if folder is None else {"folder": folder}))
+    known |= {"start": start, "start_pose": [0.0, 0.0, 0.0], "seed": 0, **job}
+    return Result(convert(known, Job), {}, "x", curve, **({} if folder is None else {"folder": folder}))
 
 
 RISE = [0.0, 10.0, 30.0, 60.0, 80.0, 91.0, 92.0, 93.0, 94.0, 95.0, 96.0]
@@ -143,8 +145,8 @@ def test_settings_of_the_body_are_a_situation_of_their_own():
     blind = result("gvg", RISE, settings=["sensor.max_range_m=3.0"])
     other = result("gvg", RISE, settings=["policy.tour_depth=6"])
     assert situation(blind) != situation(result("gvg", RISE)) == situation(other)
-    assert split_settings("motion.fault=left-wheel sensor.odometry_alpha=(0.1, 0.2) policy.a=1") == (
-        ["motion.fault=left-wheel", "sensor.odometry_alpha=(0.1, 0.2)"],
+    assert split_settings("model.track_scale=1.1 sensor.odometry_alpha=(0.1, 0.2) policy.a=1") == (
+        ["model.track_scale=1.1", "sensor.odometry_alpha=(0.1, 0.2)"],
         ["policy.a=1"],
     )
 

@@ -4,6 +4,7 @@ import numpy as np
 from PIL import Image
 
 from anm_mj.bench.curve_figure import draw_curves
+from anm_mj.bench.job import Job
 from anm_mj.bench.line_styles import COLOURS, LINES, MARKS
 from anm_mj.bench.run_result import Result
 from anm_mj.viz.figure_file import KINDS
@@ -15,7 +16,7 @@ def results(num_policies, num_runs):
     for k in range(num_policies):
         for run in range(num_runs):
             ratio = 90.0 * (1.0 - np.exp(-steps * 0.01 * (1 + k + 0.8 * run)))
-            job = {"steps": 200, "settings": [], "policy": f"policy-{k}", "scene_name": "room", "start": run}
+            job = Job("", "room", "0" * 64, f"policy-{k}", run, (0.0, 0.0, 0.0), 0, 200)
             found.append(
                 Result(job, {}, "x", np.stack([steps, ratio, 100.0 - ratio, ratio + 5.0, 0.04 * steps], axis=1))
             )
@@ -49,15 +50,15 @@ def test_a_band_has_an_edge(tmp_path):
 
 
 def test_long_names_leave_room_for_the_curves(tmp_path, recwarn):
-    settings = [f"mapping.schedule.something_number_{k}=0" for k in range(12)]
-    runs = [replace(run, job={**run.job, "settings": settings}) for run in results(3, 1)]
+    settings = tuple(f"mapping.schedule.something_number_{k}=0" for k in range(12))
+    runs = [replace(run, job=replace(run.job, settings=settings)) for run in results(3, 1)]
     draw_curves(tmp_path / "one.png", "room", runs)
     assert not [str(warning.message) for warning in recwarn if "layout" in str(warning.message)]
 
 
 def test_variants_of_fewer_starts_are_left_out(tmp_path):
     runs = results(2, 3)
-    few = replace(runs[0], job={**runs[0].job, "policy": "another"})
+    few = replace(runs[0], job=replace(runs[0].job, policy="another"))
     draw_curves(tmp_path / "with.svg", "room", [*runs, few], ("svg",))
     draw_curves(tmp_path / "without.svg", "room", runs, ("svg",))
     lines = [(tmp_path / f"{name}.svg").read_text().count('id="line2d_') for name in ("with", "without")]

@@ -1,8 +1,8 @@
 import json
 
+from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.oracle_run import with_warm_start
-from anm_mj.bench.run_result import RESULT
 from anm_mj.bench.sweep import read_jobs
 
 

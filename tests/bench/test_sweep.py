@@ -91,13 +91,13 @@ def test_maps_that_nobody_asks_are_a_choice(tmp_path):
         (True, True, True),
         (False, False, False),
     ]
-    assert seldom[1].config().planning.geometry == "occupancy"
+    assert seldom[1].config().mapping.geometry == "occupancy"
     assert not {job.name for job in always} & {job.name for job in seldom}
     assert always[1].name == dataclasses.replace(seldom[1], maps=True).name
     # What such a sensor shows blocks other paths without a field.
     assert dataclasses.replace(seldom[1], sensor="d435i").trains
     assert dataclasses.replace(seldom[1], pose="odometry").trains
-    assert dataclasses.replace(seldom[1], settings=("sensor.fault=outliers",)).trains
+    assert dataclasses.replace(seldom[1], settings=("sensor.max_range_m=3",)).trains
 
 
 def test_policies_that_ask_no_map_are_those_that_drop_it_unread():
@@ -130,18 +130,18 @@ def test_names_of_former_comparisons_stay(tmp_path):
 @pytest.mark.parametrize(
     ("text", "error", "match"),
     [
-        ('scenes = ["home"]\npolicies = ["gvg"]\ndrive = "magic"\n', AnmError, "--drive is 'magic'"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\ndrive = "magic"\n', AnmError, "no drive 'magic'"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nrobot = ["no.xml"]\n', AnmError, r"no robot file no\.xml"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nsensor = []\n', BenchError, "sensor is empty"),
-        ('scenes = ["home"]\npolicies = ["gvg"]\npose = 3\n', BenchError, "of type str or list"),
-        ('scenes = ["home"]\npolicies = ["gvg"]\npose = [3]\n', BenchError, "texts only"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npose = 3\n', BenchError, r"pose is 3, .*expected array, got int"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npose = [3]\n', BenchError, r"pose is \[3\], .*expected str, got int"),
         ("", BenchError, "scenes is missing"),
         ("sweep = []", BenchError, "sweep is empty"),
         ('scenes = ["home"]\n', BenchError, "policies is missing"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstart = 2\n', BenchError, "there is no 'start'"),
-        ('scenes = "home"\npolicies = ["gvg"]\n', BenchError, "must be of type list"),
+        ('scenes = "home"\npolicies = ["gvg"]\n', BenchError, "scenes is 'home', .*expected array, got str"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstarts = 99\n', BenchError, "start poses; give 1"),
-        ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "preset is .best."),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "no preset 'best'"),
         ('scenes = ["home"]\npolicies = ["best"]\n', AnmError, "Unknown policy 'best'"),
         ('scenes = ["no_such"]\npolicies = ["gvg"]\n', SceneError, "no_such"),
         (f'scenes = ["{"x" * 5000}"]\npolicies = ["gvg"]\n', SceneError, "no scene"),
@@ -175,7 +175,7 @@ def test_scenes_whose_results_would_share_a_name_are_refused(tmp_path, names):
     ("line", "said"),
     [
         ("seeds = []", "seeds is empty"),
-        ("steps = true", "steps is True.*type int"),
+        ("steps = true", "steps is True, .*expected int"),
         ("starts = true", "starts is True"),
     ],
 )

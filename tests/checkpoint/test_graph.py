@@ -11,7 +11,7 @@ from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
 from anm_mj.checkpoint.known_classes import KnownClasses, name_of
 from anm_mj.errors import CheckpointError
-from anm_mj.mapping.pixel_memory import PIXEL
+from anm_mj.mapping.packed_pixels import PIXEL
 from anm_mj.types import Action, Plan, Pose2
 
 KNOWN = KnownClasses(__name__)
@@ -37,10 +37,10 @@ class WithParts:
     def __init__(self, tool):
         self.tool, self.count = tool, 0
 
-    def checkpoint_state(self):
+    def get_state(self):
         return {"size": len(self.tool)}
 
-    def restore_state(self, state):
+    def set_state(self, state):
         self.tool = ["again"] * state["size"]
 
 

@@ -1,26 +1,24 @@
-"""Findings of the doctor on healthy and faulty machines."""
+"""What the doctor prints, and its exit status."""
 
 import io
-import subprocess
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from anm_mj.cli import doctor
-from anm_mj.cli.doctor import Check, State
-from anm_mj.cli.doctor_report import report
+from anm_mj.cli import machine_checks
+from anm_mj.cli.doctor import doctor, print_checks, report_text
+from anm_mj.cli.machine_checks import Check, State
 
 
 def _printed(checks: list[Check]) -> str:
     file = io.StringIO()
-    doctor.render(checks, Console(file=file, width=200))
+    print_checks(checks, Console(file=file, width=200))
     return file.getvalue()
 
 
 def test_this_machine_is_healthy(capsys: pytest.CaptureFixture[str]):
-    assert doctor.main() == 0
+    assert doctor() == 0
 
     printed = capsys.readouterr().out
     for name in (
@@ -46,104 +44,13 @@ def test_a_report_holds_versions_and_no_folders():
             "GL egl", State.NOTE, "does not work: /opt/lib/libEGL.so: no | file", "See http://127.0.0.1:7000/static/"
         ),
     ]
-    text = report(checks)
+    text = report_text(checks)
     assert "/home" not in text
     assert "/opt" not in text
     assert "…/anm_mj" in text
     assert "…/libEGL.so: no \\| file" in text
     assert "http://127.0.0.1:7000/static/" in text
     assert f"numpy {metadata.version('numpy')}" in text
-
-
-def test_old_python():
-    check = doctor.check_python((3, 10))
-
-    assert check.state is State.BAD
-    assert "3.11" in check.advice
-
-
-def test_broken_gl_back_end():
-    check = doctor.check_backend("nonsense")
-
-    assert check.state is State.NOTE
-    assert "nonsense" in check.found
-
-
-def test_broken_torch(monkeypatch: pytest.MonkeyPatch):
-    broken = subprocess.CompletedProcess(
-        [], 1, "", "Traceback\nImportError: libcudart.so.13: cannot open shared object"
-    )
-    monkeypatch.setattr(doctor, "run_python", lambda *_: broken)
-
-    (check,) = doctor.check_torch()
-
-    assert check.state is State.BAD
-    assert "libcudart" in check.found
-
-
-def test_missing_native_engine(monkeypatch: pytest.MonkeyPatch):
-    found = '["torch", "cpu", "the native engine is missing: it was not built", "native", false]'
-    monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
-
-    check = doctor.check_engine()
-
-    assert check.state is State.NOTE
-    assert check.found == "torch on the CPU, slower than native would be"
-    assert "it was not built" in check.advice
-
-
-# Prepended to the doctor's program: simulates a machine without compiler and native engine.
-NATIVE_WITHOUT_COMPILER = """
-import shutil, sys, torch
-torch.cuda.is_available = lambda: False
-shutil.which = lambda name, **rest: None
-sys.modules["anm_mj._native"] = None
-"""
-
-
-@pytest.mark.slow
-def test_native_engine_beside_a_gpu(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(
-        doctor, "ENGINE_PROGRAM", "import torch\ntorch.cuda.is_available = lambda: True" + doctor.ENGINE_PROGRAM
-    )
-
-    assert doctor.check_engine().found.startswith("native (")
-
-
-def test_missing_compiler(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "ENGINE_PROGRAM", NATIVE_WITHOUT_COMPILER + doctor.ENGINE_PROGRAM)
-
-    check = doctor.check_engine()
-
-    assert check.found == "torch on the CPU, slower than native would be"
-    assert "it was not built; install a C++17 compiler (apt install g++) and run make setup" in check.advice
-
-
-@pytest.mark.parametrize("gone", ['vars(native).pop("Occupancy", None)', "native.Engine = type('Engine', (), {})"])
-def test_an_engine_of_an_older_source_is_to_be_built_again(gone, monkeypatch: pytest.MonkeyPatch):
-    without = f"import anm_mj._native as native\n{gone}\n"
-    monkeypatch.setattr(doctor, "ENGINE_PROGRAM", without + doctor.ENGINE_PROGRAM)
-    check = doctor.check_engine()
-    assert check.state is doctor.State.NOTE
-    assert "older source" in check.found
-    assert "make setup" in check.advice
-
-
-def test_engine_that_does_not_start(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], -4, "", ""))
-
-    assert "mapping.engine=torch" in doctor.check_engine().advice
-
-
-def test_low_memory():
-    check = doctor.check_memory(1000)
-
-    assert check.state is State.NOTE
-    assert "--preset quick" in check.advice
-
-
-def test_disk_space(tmp_path: Path):
-    assert str(tmp_path) in doctor.check_disk(tmp_path).found
 
 
 def test_summary_names_faults():
@@ -154,6 +61,6 @@ def test_summary_names_faults():
 
 
 def test_exit_status_of_a_fault(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "diagnose", lambda: [Check("Python", State.BAD, "3.9")])
+    monkeypatch.setattr(machine_checks, "diagnose", lambda: [Check("Python", State.BAD, "3.9")])
 
-    assert doctor.main() == 1
+    assert doctor() == 1

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anm_mj.control.action_motion import MotionLimits, Trapezoid, action_motion, action_profile
-from anm_mj.errors import RobotError
 from anm_mj.types import Action
 
 
@@ -41,8 +40,3 @@ def test_action_duration():
     assert action_profile(Action.TURN_RIGHT, limits).duration_s == pytest.approx(
         2.0 * math.sqrt(math.radians(10.0) / 6.0)
     )
-
-
-def test_invalid_limits():
-    with pytest.raises(RobotError, match=r"turn_radps is 0\.0; it must be positive"):
-        MotionLimits(turn_radps=0.0)

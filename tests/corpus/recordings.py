@@ -8,7 +8,7 @@ from pathlib import Path
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from tests.io.test_rosbag import images, poses_by_tf, write_bag, write_bag_of_ros_1
+from tests.io.bags import images, poses_by_tf, write_bag, write_bag_of_ros_1
 from tests.io.test_sequence_layouts import write_nerfstudio, write_ours, write_replica, write_tum
 
 WRITERS: dict[str, Callable[[Path], None]] = {

@@ -25,7 +25,9 @@ import tyro
 import anm_mj.run
 from anm_mj.bench.suite import suite_file
 from anm_mj.bench.sweep import read_jobs, read_sweeps
-from anm_mj.cli.main import main
+from anm_mj.cli import command_line
+from anm_mj.cli.main import COMMANDS as COMMANDS_OF_PROGRAM
+from anm_mj.cli.main import PROGRAM, main
 from anm_mj.config import make_config
 from anm_mj.errors import AnmError
 from anm_mj.planning.policies.context import PolicyContext
@@ -118,32 +120,6 @@ def test_setting(setting):
     assert applied, refusals
 
 
-def test_former_settings():
-    text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.*) \| (.*) \|$", text.partition("| former setting |")[2], re.MULTILINE)
-    pairs = [
-        (former, present)
-        for row in rows
-        if not row[1].startswith("none")
-        for former, present in zip(*(re.findall(r"`([\w.]+\.\w+)`", cell) for cell in row), strict=True)
-    ]
-    assert len(pairs) > 10
-    configs = [make_config("default", [], scene="room", policy=policy) for policy in policies()]
-    for former, present in pairs:
-        accepted = []
-        for config in configs:
-            value = setting_of(config, present)
-            if value is None:
-                continue
-            try:
-                read = make_config("default", [f"{former}={value}"], scene="room", policy=config.policy)
-            except AnmError:
-                continue
-            accepted.append(setting_of(read, present) == value)
-        assert accepted, (former, present)
-        assert all(accepted), (former, present)
-
-
 def test_settings_of_the_default_policy():
     text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
     section = text.partition("## The default policy")[2].partition("\n## ")[0]
@@ -198,6 +174,7 @@ def test_options(capsys):
         ["map"],
         ["bench"],
         ["doctor"],
+        ["completion"],
         *(["scene", action] for action in ("import", "generate", "check")),
     ):
         known |= set(re.findall(r"--[a-z][a-z-]*", help_of(words, capsys)))
@@ -262,41 +239,44 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["export"],
         ["map"],
         ["robot", "check"],
+        ["completion"],
     ):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:
         help_of([word for word in words if word != "--help"], capsys)
     elif words[:2] == ["explore", "--resume"]:
-        parsed = parse(words, monkeypatch)  # tests/integration/test_kills.py executes these.
-        assert parsed.resume is not None
+        parsed = parse(words)  # tests/integration/test_kills.py executes these.
+        assert parsed["resume"]
     elif words[0] == "explore" and "--continue" in words:
-        parsed = parse(words, monkeypatch)  # tests/integration/test_continue.py executes these.
-        assert parsed.continue_from is not None
+        parsed = parse(words)  # tests/integration/test_continue.py executes these.
+        assert parsed["continue_from"]
     elif words[0] == "explore":
         explore(words, command, place, monkeypatch)
     elif words[0] == "bench":
-        parsed = parse(words, monkeypatch)
-        if parsed.suite is not None:
-            assert read_sweeps(suite_file(parsed.suite))[1]
-        elif parsed.file in (Path("comparison.toml"), Path("own_comparison.toml")):
-            assert read_jobs(place / parsed.file)
+        parsed = parse(words)
+        if "suite" in parsed:
+            assert read_sweeps(suite_file(parsed["suite"]))[1]
+        elif parsed["file"] in (Path("comparison.toml"), Path("own_comparison.toml")):
+            assert read_jobs(place / parsed["file"])
         else:
-            assert parsed.file.is_file()
+            assert parsed["file"].is_file()
     elif words[0] == "map":
-        parse(words, monkeypatch)  # tests/test_map_sequence.py maps one.
+        parse(words)  # tests/test_map_sequence.py maps one.
     elif words[:2] in (["view", "runs/latest"], ["export", "runs/latest"]):
         if len(words) > 2:
             if not (place / words[1]).exists():
                 run_for_real()
             assert main(words) == 0
         else:
-            parse(words, monkeypatch)  # tests/replay serves a page.
+            parse(words)  # tests/replay serves a page.
     elif words == ["eval", "runs/latest"]:
         if not (place / words[1]).exists():  # The real run may be a test of another process.
             run_for_real()
         assert main(words) == 0
+    elif words[0] == "completion":
+        assert main(words) == 0
     elif words[0] in ("eval", "doctor"):
-        parse(words, monkeypatch)  # tests/evaluation and tests/cli/test_doctor.py execute these.
+        parse(words)  # tests/evaluation and tests/cli/test_doctor.py execute these.
     elif words[:2] == ["scene", "import"]:
         scene_import(words, place)
     elif words[:2] == ["scene", "check"]:
@@ -307,7 +287,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         assert main(words) == 0
     elif words[:2] == ["robot", "check"]:
         assert words[2] in robot_presets() or (place / words[2]).is_file()
-        parse(words, monkeypatch)  # tests/cli/test_robot.py executes these.
+        parse(words)  # tests/cli/test_robot.py executes these.
     else:
         pytest.fail(f"nothing here knows how to execute: {command}")
 
@@ -369,25 +349,14 @@ def options_are_complete(words, capsys):
 
 def help_of(words, capsys):
     """What ``--help`` prints."""
-    with pytest.raises(SystemExit) as ended:
-        main([*words, "--help"])
-    assert ended.value.code == 0
+    assert main([*words, "--help"]) == 0
     return capsys.readouterr().out
 
 
-def parse(words, monkeypatch):
+def parse(words):
     """What the real parser makes of a command, which is not executed."""
-    real, parsed = argparse.ArgumentParser.parse_args, []
-
-    def parse_args(self, *args, **kwargs):
-        parsed.append(real(self, *args, **kwargs))
-        raise SystemExit(0)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
-        with pytest.raises(SystemExit):
-            main(words)
-    return parsed[0]
+    prog, command, rest = command_line.find(PROGRAM, COMMANDS_OF_PROGRAM, words)
+    return command_line.parse(prog, command, rest)[0]
 
 
 def script_parses(script, words, monkeypatch):
@@ -424,14 +393,6 @@ def script_parses(script, words, monkeypatch):
     except SystemExit as ended:
         status = ended.code
     return not status and (bool(done) or not words)
-
-
-def setting_of(config, name):
-    """The value of a setting by its dotted name; None if the configuration has none of this name."""
-    keys = name.replace("policy.", "policy_settings.", 1).split(".")
-    for key in keys:
-        config = getattr(config, key, None)
-    return config
 
 
 def own_comparison(page="benchmarks.md"):

@@ -156,7 +156,7 @@ def test_reuse_after_close():
         ({"seed": -1}, "The seed is -1"),
         ({"steps": 5}, 'no option "steps"; it has num_steps, start'),
         ({"num_steps": 0}, "num_steps is 0; an episode has 1 to"),
-        ({"drive": "magic"}, 'no drive "magic"; choose one of kinematic, physics'),
+        ({"drive": "magic"}, "no drive 'magic'; choose one of kinematic, physics"),
         ({"image_px": 8}, "image_px is 8"),
         ({"actions": "jump"}, 'no actions "jump"; choose one of discrete, velocity'),
         ({"reward": "gold"}, 'no reward "gold"; choose one of surface, area, information'),

@@ -88,4 +88,4 @@ def test_area_and_information_grow_with_what_is_seen():
     assert 0.0 < first[0] < local_map.area_m2
     assert 11.0 < local_map.area_m2 < 16.0
     assert 0.0 < first[1] < local_map.information_bits
-    assert local_map.information_bits < local_map._grid.log_odds.size
+    assert local_map.information_bits < local_map._grid.voxels.log_odds.size

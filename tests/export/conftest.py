@@ -3,7 +3,7 @@ import math
 import pytest
 
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.mapping.config import MAPPING_PRESETS
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.recording.config import RecordConfig
 from anm_mj.types import Pose2

@@ -2,11 +2,15 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError, SceneError
-from anm_mj.ground_truth.ground_truth import GroundTruth, sample_surface
+from anm_mj.ground_truth.ground_truth import GroundTruth, sample_triangles
 from tests.box_room import room, room_truth
 
 TRIANGLES = np.array([[0.0, 0, 0], [3, 0, 0], [0, 1, 0], [0, 0, 5], [1, 0, 5], [0, 1, 5]])
 FACES = np.array([[0, 1, 2], [3, 4, 5]])
+
+
+def sample_surface(vertices, faces, num_samples=100, seed=0):
+    return sample_triangles(vertices, faces, num_samples, seed)[0].astype(np.float32)
 
 
 def test_samples_fall_on_faces_by_their_area():

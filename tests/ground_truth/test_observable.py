@@ -5,7 +5,7 @@ import pytest
 
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.frames import pixel_directions, pose_matrix
-from anm_mj.ground_truth.ground_truth import COVERED_M, sample_surface
+from anm_mj.ground_truth.ground_truth import COVERED_M, sample_triangles
 from anm_mj.ground_truth.observable import ReachableArea, observable_samples
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics, PixelRays
 from anm_mj.ground_truth.reduced_depth import back_project_reduced, reduce_depth
@@ -15,6 +15,10 @@ from anm_mj.utils.raycast import RayCaster
 CAMERA = Intrinsics.from_fov(32, 32, math.pi / 2.0)
 T_BASE_CAMERA = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.25], [0.0, 0.0, 0.0, 1.0]])
 CAMERA_ON_BASE = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
+
+
+def sample_surface(vertices, faces, num_samples):
+    return sample_triangles(vertices, faces, num_samples, seed=0)[0].astype(np.float32)
 
 
 def box(low, high):

@@ -5,8 +5,6 @@ import sys
 
 import pytest
 
-from anm_mj.mapping.backends.select import native_fault
-
 QUICK = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
 
 
@@ -23,12 +21,25 @@ def test_import(tmp_path):
 
 
 def test_help(tmp_path):
-    program = "from anm_mj.cli.main import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
-    assert loaded(program, tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
+    for words in ("['--help']", "['explore', '--help']"):
+        program = f"from anm_mj.cli.main import main\nassert main({words}) == 0"
+        assert loaded(program, tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
+
+
+def test_without_the_compiled_module_a_run_ends_with_one_sentence(tmp_path):
+    program = (
+        "import sys; sys.modules['anm_mj._native'] = None\n"
+        "from anm_mj.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    )
+    words = ["explore", "room", "--steps", "2", "--out", "run"]
+    done = subprocess.run([sys.executable, "-c", program, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("anm-mj: The compiled part of anm-mj is missing")
+    assert "install a C++17 compiler" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(native_fault() is not None, reason="the native engine was not built")
 def test_a_run_with_the_native_engine_loads_no_torch(tmp_path):
     words = ["explore", "room", "--steps", "2", "--out", "run", "--set", "mapping.engine=native", *QUICK]
     modules = loaded(f"from anm_mj.cli.main import main\nassert main({words}) == 0", tmp_path)

@@ -21,9 +21,11 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.sim_robot import SimRobot
 from anm_mj.types import OCCUPIED, Action, Pose2, StopReason
 from tests.fake_robot import ListRecorder
 from tests.integration.test_kills import GROWING, TINY, assert_same, finished, words
+from tests.robots import let_wheel_stick
 from tests.scene.shapes import room
 from tests.scene.small import make_small_scene
 
@@ -47,10 +49,16 @@ def configuration(scene, *, settings=(), **options):
     return make_config("quick", [*TINY, *settings], scene=str(scene), seed=3, device="cpu", **options)
 
 
-@pytest.mark.parametrize("drive", ["kinematic", "physics"])
-def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, drive, caplog):
-    settings = ["motion.fault=left-wheel", "motion.fault_step=5"]
-    config = configuration(small, settings=settings, drive=drive, steps=40)
+def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, caplog, monkeypatch):
+    act = SimRobot.act
+
+    def act_and_break(robot, action):
+        if robot.step == 5:
+            let_wheel_stick(robot.model, left=True, prefix="robot/")
+        return act(robot, action)
+
+    monkeypatch.setattr(SimRobot, "act", act_and_break)
+    config = configuration(small, drive="physics", steps=40)
     _, metrics = anm_mj.run.run(config, out=tmp_path / "run")
     assert metrics.stop_reason == "WHEEL_STUCK"
     assert metrics.steps == 5 + 6
@@ -81,7 +89,7 @@ class Appearing:
             pose, step = self.robot.pose, self.robot.step
             self.robot = self._after
             self.robot.place(pose)
-            self.robot._step = step
+            self.robot.step = step
         return self.robot.act(action)
 
 
@@ -134,7 +142,7 @@ def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, polic
     robot, recorder, held, seen = Appearing(*robots, appears), ListRecorder(), [], []
 
     def note(report):
-        held.append(front(mapper.occupancy))
+        held.append(front(mapper.occupancy_grid()))
         seen.append(report.step > appears and sees_front(report.observation))
 
     outcome = explore(
@@ -152,7 +160,7 @@ def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, polic
     assert outcome.stop_reason in (StopReason.NO_REACHABLE_TARGET, StopReason.COMPLETE)
     assert collisions <= 3
     # What the map says at the end is what is there.
-    assert front(mapper.occupancy) > 0.9
+    assert front(mapper.occupancy_grid()) > 0.9
     for each in robots:
         each.close()
 

@@ -20,10 +20,11 @@ from anm_mj.events import On, Stepped
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
+from tests.public_scenes import PUBLIC_SCENES
 from tests.scene.small import make_small_scene
 
-DEV_SCENE = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "dev" / "aws_small_house.glb"
-"""A scene of others beside the checkout; left out where it is missing."""
+HOUSE = PUBLIC_SCENES / "aws_small_house.glb"
+"""A scene of others; left out where it is missing."""
 TINY = ("image_px=64", "mapping.schedule.first_iterations=5", "mapping.schedule.replay_bytes=2000000")
 GROWING = ("mapping.field.log2_table_size=11", "mapping.field.entries_per_m3=2000.0")
 """The table doubles on the way, so that a resumed run begins with another one than it began with."""
@@ -198,8 +199,8 @@ def test_settings_that_were_edited_are_refused_and_a_longer_budget_is_not(small,
 CASES = [
     ("home", "gvg", "kinematic"),
     ("home", "anm-s", "physics"),
-    (DEV_SCENE, "gvg", "physics"),
-    (DEV_SCENE, "anm-s", "kinematic"),
+    (HOUSE, "gvg", "physics"),
+    (HOUSE, "anm-s", "kinematic"),
 ]
 
 
@@ -208,10 +209,10 @@ CASES = [
 @pytest.mark.parametrize(("scene", "policy", "drive"), CASES, ids=lambda value: Path(str(value)).name)
 def test_twenty_kills(scene, policy, drive, tmp_path):
     """Five for each case: four at random moments, one of them twice in a row, and one while a checkpoint is written."""
-    if scene == DEV_SCENE:
-        if not DEV_SCENE.is_file():
-            pytest.skip(f"{DEV_SCENE.name} is not here")
-        scene = import_scene(DEV_SCENE, tmp_path / "scene").folder
+    if scene == HOUSE:
+        if not HOUSE.is_file():
+            pytest.skip(f"{HOUSE.name} is not here")
+        scene = import_scene(HOUSE, tmp_path / "scene").folder
     run = words(scene, steps=100, policy=policy, drive=drive)
     finished(*run, "--out", tmp_path / "whole")
     draw = random.Random(f"{scene}{policy}{drive}")

@@ -6,17 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.localisation.config import LocalisationConfig
 from anm_mj.localisation.field_localiser import FieldLocaliser
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
-from anm_mj.mapping.backends.select import native_fault
-from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import Observation, Pose2
 from tests.mapping.ray_room import CAMERA_HEIGHT_M, Room, camera_pose
-
-if native_fault() is not None:
-    pytest.skip(f"the native engine cannot be used: {native_fault()}", allow_module_level=True)
 
 CONFIG = LocalisationConfig()
 TURN = math.radians(10.0)
@@ -45,7 +41,7 @@ def track(
     for frame in frames:
         estimate = localiser.localise(frame)
         if learn and estimate.usable:
-            neural_map.integrate(estimate.observation, localiser.effort(estimate))
+            localiser.integrate(estimate)
         estimates.append(estimate)
     return estimates
 

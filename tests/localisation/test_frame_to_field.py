@@ -8,18 +8,14 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from anm_mj import _native
 from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints
-from anm_mj.mapping.backends.select import native_fault
+from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig, default_mapping
-from anm_mj.mapping.encoding import one_blob
-from anm_mj.mapping.field import NeuralField
-
-if native_fault() is not None:
-    pytest.skip(f"the native engine cannot be used: {native_fault()}", allow_module_level=True)
-
-from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names
+from anm_mj.mapping.backends.torch_encoding import one_blob
+from anm_mj.mapping.backends.torch_field import TorchField
+from anm_mj.mapping.mapping_config import MappingConfig, default_mapping
 
 NUM_POINTS = 210
 SETTINGS = AlignSettings(3.0, 0.01, 0.1, 2.0, saturation=50.0, least_slope=0.01, most_slope=1e3)
@@ -64,14 +60,14 @@ def engines(config: MappingConfig, kernel: str, threads: int = 1) -> tuple[Nativ
     rng = np.random.default_rng(1)
     state = {
         name: (value + rng.normal(0.0, 0.3, value.shape)).astype(np.float32)
-        for name, value in native.get_state().items()
+        for name, value in native.parameters().items()
     }
-    native.set_state(state)
-    reference.set_state(state)
+    native.set_parameters(state)
+    reference.set_parameters(state)
     return native, reference
 
 
-def features_of(field: NeuralField, points_m: Tensor) -> Tensor:
+def features_of(field: TorchField, points_m: Tensor) -> Tensor:
     """Grid features, differentiable in the points, which the engine's own are not."""
     grid = field._grid
     with torch.no_grad():
@@ -149,7 +145,7 @@ def reference_equations(
     return hessian, gradient, facts
 
 
-@pytest.mark.parametrize("kernel", kernel_names())
+@pytest.mark.parametrize("kernel", _native.kernel_names())
 @pytest.mark.parametrize("config", [small(default_mapping()), odd()], ids=["default", "odd"])
 def test_normal_equations_are_those_of_autograd(
     config: MappingConfig, kernel: str, points: FramePoints, T_world_camera: np.ndarray

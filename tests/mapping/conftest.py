@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from anm_mj.mapping.config import MappingConfig, quick_mapping
+from anm_mj.mapping.mapping_config import MappingConfig, quick_mapping
 from anm_mj.mapping.neural_map import NeuralMap
 from tests.mapping.ray_room import Room
 

@@ -3,13 +3,13 @@
 import numpy as np
 import torch
 
+from anm_mj.mapping.backends.parameters import DECODER_NAMES
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.field import decode_color, decode_sdf
-from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
-from anm_mj.mapping.parameters import DECODER_NAMES
+from anm_mj.mapping.backends.torch_field import decode_color, decode_sdf
+from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_sampling import valid_depth
+from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import composite, sdf_to_weight
-from anm_mj.mapping.sampling import valid_depth
 
 
 def reference_gradients(backend: TorchBackend, rays: RayBatch, z_m: np.ndarray, dtype: torch.dtype, corner_m=None):

@@ -68,7 +68,7 @@ def test_state_survives(depth_m):
     noise, other = NoiseMean(), NoiseMean()
     for image in (depth_m, depth_m + np.float32(0.01) * np.indices(depth_m.shape).sum(axis=0) % 2):
         noise.add(image.astype(np.float32))
-    other.set_state(noise.get_state())
+    other.set_array(noise.array())
     assert other.value == noise.value > 0.0
 
 

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.config import OccupancyConfig, quick_mapping
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.last_layer import last_layer_variance, leverage, observation_density
+from anm_mj.mapping.mapping_config import OccupancyConfig, quick_mapping
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.uncertainty import closed_form_variance
 from anm_mj.types import OCCUPIED
 from scripts.bench_uncertainty import relative_area
@@ -21,8 +21,8 @@ def half_seen(tiny_config, room) -> NeuralMap:
     return neural_map
 
 
-def _fused(room, *places) -> OccupancyGrid:
-    grid = OccupancyGrid(OccupancyConfig())
+def _fused(room, *places) -> DepthOccupancy:
+    grid = DepthOccupancy(OccupancyConfig())
     for x, y in places:
         view = room.observe(x, y, 0.0, size=64)
         grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
@@ -50,7 +50,7 @@ def test_half_the_distance_gives_four_times_the_density(room):
 
 
 def test_density_is_zero_where_nothing_was_observed(room):
-    assert (observation_density(OccupancyGrid(OccupancyConfig()), WALL) == 0.0).all()
+    assert (observation_density(DepthOccupancy(OccupancyConfig()), WALL) == 0.0).all()
     assert (observation_density(_fused(room, (2.0, 0.6)), WALL - [10.0, 0.0, 0.0]) == 0.0).all()
 
 
@@ -58,16 +58,16 @@ def test_last_layer_maps_hidden_features_to_the_sdf(trained_map):
     points = np.random.default_rng(0).uniform(0.0, 2.0, (40, 3))
     hidden = trained_map.backend.query_hidden(points)
     assert (hidden >= 0.0).all()
-    s = hidden @ trained_map.backend.get_state()["sdf_out"][0]
+    s = hidden @ trained_map.backend.parameters()["sdf_out"][0]
     np.testing.assert_allclose(s, trained_map.backend.query_sdf(points), atol=1e-5)
 
 
 def test_mean_leverage_is_the_number_of_axes(half_seen):
-    voxels = np.argwhere(half_seen.occupancy.state == OCCUPIED)
-    grid = half_seen.occupancy
+    voxels = np.argwhere(half_seen.occupancy_grid().state == OCCUPIED)
+    grid = half_seen.occupancy_grid()
     places = grid.origin_m + (voxels[:, ::-1] + 0.5) * grid.resolution_m
-    density = observation_density(half_seen.observed, places)
-    variance = leverage(half_seen.backend, half_seen.observed, places, DENSITY_EXPONENT)
+    density = observation_density(half_seen.occupancy.by_depth, places)
+    variance = leverage(half_seen.backend, half_seen.occupancy.by_depth, places, DENSITY_EXPONENT)
     assert np.average(variance, weights=density ** (1.0 - DENSITY_EXPONENT)) == pytest.approx(32.0, rel=0.1)
 
 
@@ -76,7 +76,7 @@ def test_unobserved_surface_stands_out(half_seen, room):
     seen = half_seen.surface(np.array([2.0, 1.5]), 5.0).xyz_m
     unseen = np.column_stack([np.zeros(500), rng.uniform(0.0, 3.0, 500), rng.uniform(0.0, 2.4, 500)])
     low, high = (
-        last_layer_variance(half_seen.backend, half_seen.observed, points, DENSITY_EXPONENT)
+        last_layer_variance(half_seen.backend, half_seen.occupancy.by_depth, points, DENSITY_EXPONENT)
         for points in (seen, unseen)
     )
     assert np.percentile(high, 5) > np.percentile(low, 95)
@@ -86,7 +86,7 @@ def test_predicts_the_error_better_than_the_closed_form(half_seen, room):
     points = np.random.default_rng(0).uniform([0.0, 0.0, 0.0], [4.0, 3.0, 2.4], (20_000, 3))
     points = points[np.abs(half_seen.sdf(points)) < 0.01]
     error = np.abs(half_seen.sdf(points) - np.clip(room.sdf(points), -0.1, 0.1)).astype(float)
-    by_last_layer = last_layer_variance(half_seen.backend, half_seen.observed, points, DENSITY_EXPONENT)
+    by_last_layer = last_layer_variance(half_seen.backend, half_seen.occupancy.by_depth, points, DENSITY_EXPONENT)
     by_closed_form = closed_form_variance(half_seen.backend, points, half_seen.config.uncertainty)
     assert relative_area(error, by_last_layer) < 0.7 * relative_area(error, by_closed_form)
 
@@ -104,4 +104,6 @@ def test_loaded_map_has_the_uncertainty_of_the_saved_one(tiny_config, room, tmp_
 
 def test_empty_map_is_uncertain_everywhere(tiny_config):
     empty = NeuralMap(tiny_config, seed=0, device="cpu")
-    assert (last_layer_variance(empty.backend, empty.observed, np.zeros((3, 3)), DENSITY_EXPONENT) > 0.0).all()
+    assert (
+        last_layer_variance(empty.backend, empty.occupancy.by_depth, np.zeros((3, 3)), DENSITY_EXPONENT) > 0.0
+    ).all()

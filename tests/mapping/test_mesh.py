@@ -4,15 +4,15 @@ from scipy.spatial import KDTree
 from skimage.measure import marching_cubes
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.mesh import MeshExtractor, Triangles
-from anm_mj.mapping.occupancy import OccupancyGrid
 from tests.mapping.ray_room import Room
 
 
 @pytest.fixture(scope="module")
-def occupancy(room) -> OccupancyGrid:
-    grid = OccupancyGrid(OccupancyConfig())
+def occupancy(room) -> DepthOccupancy:
+    grid = DepthOccupancy(OccupancyConfig())
     for observation in room.turn(1.5, 1.5, 12, size=128):
         grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
     return grid
@@ -67,7 +67,7 @@ def test_nothing_floats_where_nothing_was_observed(room, occupancy):
 
 
 def test_an_empty_grid_gives_an_empty_mesh(room):
-    vertices, faces = _extract(_exact(room), OccupancyGrid(OccupancyConfig()), 0.05)
+    vertices, faces = _extract(_exact(room), DepthOccupancy(OccupancyConfig()), 0.05)
     assert len(vertices) == len(faces) == 0
 
 
@@ -89,7 +89,7 @@ def test_the_mesh_is_that_of_marching_the_whole_room_at_once(room, occupancy):
 
 
 def test_only_parts_that_a_new_frame_touched_are_asked_again(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     extractor = MeshExtractor(occupancy)
     asked = []
 
@@ -121,7 +121,7 @@ def test_only_parts_that_a_new_frame_touched_are_asked_again(room):
 
 
 def test_what_is_carved_away_leaves_a_kept_mesh_too(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     extractor = MeshExtractor(occupancy)
 
     def look(where: Room) -> Triangles:

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping import last_good
-from anm_mj.mapping.backends.select import native_fault
-from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.neural_map import MAX_FAILURES, NeuralMap
+from anm_mj.mapping import field
+from anm_mj.mapping.field import MAX_FAILURES
+from anm_mj.mapping.mapping_config import FieldConfig
+from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping.ray_room import Room
 
@@ -56,10 +56,10 @@ def test_same_seed_and_views_give_the_same_map_bit_for_bit(tiny_config, room):
         for observation in room.turn(1.5, 1.5, 12)[:3]:
             neural_map.integrate(observation)
         maps.append(neural_map)
-    first, second = (m.backend.get_state() for m in maps)
+    first, second = (m.backend.parameters() for m in maps)
     for name in first:
         np.testing.assert_array_equal(first[name], second[name])
-    np.testing.assert_array_equal(maps[0].occupancy.state, maps[1].occupancy.state)
+    np.testing.assert_array_equal(maps[0].occupancy_grid().state, maps[1].occupancy_grid().state)
 
 
 def test_the_schedule_counts_iterations_and_keyframes(tiny_config, room):
@@ -72,15 +72,15 @@ def test_the_schedule_counts_iterations_and_keyframes(tiny_config, room):
     assert math.isfinite(updates[3].loss)
 
 
-@pytest.mark.parametrize("field_is_geometry", [False, True])
-def test_sky_makes_no_surface(tiny_config, field_is_geometry):
+@pytest.mark.parametrize("geometry", ["occupancy", "field"])
+def test_sky_makes_no_surface(tiny_config, geometry):
     room = Room(ceiling=False)
-    neural_map = NeuralMap(tiny_config, seed=0, device="cpu", field_is_geometry=field_is_geometry)
+    neural_map = NeuralMap(replace(tiny_config, geometry=geometry), seed=0, device="cpu")
     for observation in room.turn(1.5, 1.5, 8, size=128):
         neural_map.integrate(observation)
-    grid = neural_map.occupancy
+    grid = neural_map.occupancy_grid()
     occupied = grid.origin_m + (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m
-    if field_is_geometry:
+    if geometry == "field":
         # Beside an open edge the field decides to within a voxel.
         assert occupied[:, 2].max() < 2.4 + 0.05 + 1e-6
     else:
@@ -89,7 +89,7 @@ def test_sky_makes_no_surface(tiny_config, field_is_geometry):
     assert neural_map.surface(np.array([1.5, 1.5]), 10.0).xyz_m[:, 2].max() < 2.5
     rng = np.random.default_rng(0)
     above = rng.uniform([2.8, 1.0, 2.6], [3.2, 2.0, 2.8], (3000, 3))
-    state = neural_map.observed.state_at(above)
+    state = neural_map.occupancy.by_depth.state_at(above)
     assert (state == FREE).any()
     assert (neural_map.sdf(above[state == FREE]) > 0.0).mean() > 0.95
 
@@ -104,7 +104,9 @@ def test_save_and_load_answer_the_same(trained_map, tmp_path):
     np.testing.assert_array_equal(loaded.rgb(points), trained_map.rgb(points))
     np.testing.assert_array_equal(loaded.uncertainty(points), trained_map.uncertainty(points))
     for name in ("state", "seen_range_m", "origin_m"):
-        np.testing.assert_array_equal(getattr(loaded.occupancy, name), getattr(trained_map.occupancy, name))
+        np.testing.assert_array_equal(
+            getattr(loaded.occupancy_grid(), name), getattr(trained_map.occupancy_grid(), name)
+        )
     assert len(loaded.mesh(0.1).faces) == len(trained_map.mesh(0.1).faces)
 
 
@@ -124,9 +126,9 @@ def test_a_missing_file_is_refused(tmp_path):
 
 def spoilt(neural_map, name="sdf_out"):
     """Parameters become NaN, as a step too far makes them."""
-    state = neural_map.backend.get_state()
+    state = neural_map.backend.parameters()
     state[name][:] = np.nan
-    neural_map.backend.set_state(state)
+    neural_map.backend.set_parameters(state)
 
 
 def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tiny_config, room, caplog):
@@ -134,14 +136,14 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tin
     views = room.turn(1.5, 1.5, 12)
     for observation in views[:6]:
         neural_map.integrate(observation)
-    good = neural_map.backend.get_state()
-    assert neural_map._good.keep(good, 6)
+    good = neural_map.backend.parameters()
+    neural_map.field._keep_or_restore(5)
     spoilt(neural_map, "sdf_out")
     update = neural_map.integrate(views[6])
     assert math.isnan(update.loss)
     assert update.num_iterations == 0
     assert "at step 6; the map goes back to what it was 1 frames ago" in caplog.text
-    for key, value in neural_map.backend.get_state().items():
+    for key, value in neural_map.backend.parameters().items():
         np.testing.assert_array_equal(value, good[key])
     for observation in views[7:]:
         assert math.isfinite(neural_map.integrate(observation).loss)
@@ -151,7 +153,7 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tin
 
 def test_features_that_are_not_finite_are_found_before_the_loss_shows_them(tiny_config, room, monkeypatch, caplog):
     """The activations of the decoders may turn them into zeros."""
-    monkeypatch.setattr(last_good, "KEEP_EVERY_FRAMES", 2)
+    monkeypatch.setattr(field, "KEEP_EVERY_FRAMES", 2)
     neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
     views = room.turn(1.5, 1.5, 6)
     for observation in views[:3]:
@@ -160,17 +162,17 @@ def test_features_that_are_not_finite_are_found_before_the_loss_shows_them(tiny_
     for observation in views[3:]:
         neural_map.integrate(observation)
     assert "not finite any more at step" in caplog.text or "; the map goes back" in caplog.text
-    assert np.isfinite(neural_map.backend.get_state()["table"]).all()
+    assert np.isfinite(neural_map.backend.parameters()["table"]).all()
 
 
 def test_parameters_that_nothing_reads_are_found_too(tiny_config, room, caplog):
     neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
     views = room.turn(1.5, 1.5, 3)
     neural_map.integrate(views[0])
-    state = neural_map.backend.get_state()
+    state = neural_map.backend.parameters()
     state["table"][-1, 0] = np.inf
-    neural_map.backend.set_state(state)
-    stored = neural_map.checkpoint_state()
+    neural_map.backend.set_parameters(state)
+    stored = neural_map.field.get_state()
     assert np.isfinite(stored["table"]).all()
     assert "Parameters of the map were not finite any more" in caplog.text
 
@@ -197,13 +199,13 @@ def test_a_final_training_that_fails_leaves_the_map_as_it_was(tiny_config, room,
     config = replace(tiny_config, schedule=replace(tiny_config.schedule, final_iterations=40))
     neural_map = NeuralMap(config, seed=0, device="cpu")
     neural_map.integrate(room.turn(1.5, 1.5, 1)[0])
-    before = neural_map.backend.get_state()
+    before = neural_map.backend.parameters()
     kind = type(neural_map.backend)
     steps = kind.steps
     monkeypatch.setattr(kind, "steps", lambda *_: [losses._replace(total=math.nan) for losses in steps(*_)])
     assert neural_map.finish() == 0
     assert "The loss of the final training became nan" in caplog.text
-    for key, value in neural_map.backend.get_state().items():
+    for key, value in neural_map.backend.parameters().items():
         np.testing.assert_array_equal(value, before[key])
 
 
@@ -224,28 +226,26 @@ def test_what_was_learnt_stays_where_it_was_when_the_world_grows(tiny_config, ro
 
 @pytest.mark.parametrize("engine", ["torch", "native"])
 def test_the_table_grows_with_the_scene_and_every_place_keeps_what_was_learnt(tiny_config, room, engine, monkeypatch):
-    if engine == "native" and native_fault() is not None:
-        pytest.skip(f"the native engine is missing: {native_fault()}")
     field = replace(tiny_config.field, log2_table_size=10, largest_log2_table_size=12, entries_per_m3=90.0)
     neural_map = NeuralMap(replace(tiny_config, field=field, engine=engine), seed=0, device="cpu")
     rng = np.random.default_rng(0)
     points = rng.uniform(-1.0, 5.0, (500, 3))
     sizes, moved = [], []
-    fit_table = neural_map._fit_table
+    fit_table = neural_map.field.fit_table
 
-    def fit_and_compare():
+    def fit_and_compare(volume_m3):
         before = neural_map.sdf(points)
-        fit_table()
+        fit_table(volume_m3)
         moved.append(np.abs(neural_map.sdf(points) - before).max())
 
-    monkeypatch.setattr(neural_map, "_fit_table", fit_and_compare)
+    monkeypatch.setattr(neural_map.field, "fit_table", fit_and_compare)
     for observation in room.turn(1.5, 1.5, 8):
         neural_map.integrate(observation)
         sizes.append(neural_map.config.field.log2_table_size)
     assert (sizes[0], sizes[-1]) == (11, 12)
     assert sizes == sorted(sizes)
     assert max(moved) == 0.0
-    volume = neural_map.observed.surface_volume_m3
+    volume = neural_map.occupancy.by_depth.surface_volume_m3()
     assert 1 << 11 < 90.0 * volume <= 1 << 12
     near = _near_surface(room, rng, 500)
     assert np.abs(neural_map.sdf(near) - room.sdf(near)).mean() < 0.03
@@ -287,8 +287,8 @@ def test_first_frame_may_be_blind(tiny_config, room):
     first, second = room.turn(1.5, 1.5, 2)
     update = neural_map.integrate(replace(first, depth_m=np.full_like(first.depth_m, np.nan)))
     assert (update.num_iterations, update.num_keyframes) == (0, 0)
-    assert neural_map.occupancy.state.size > 0
-    assert (neural_map.occupancy.state == UNKNOWN).all()
+    assert neural_map.occupancy_grid().state.size > 0
+    assert (neural_map.occupancy_grid().state == UNKNOWN).all()
     assert neural_map.integrate(second).num_keyframes == 1
 
 

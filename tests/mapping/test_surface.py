@@ -1,8 +1,8 @@
 import numpy as np
 
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.lattice import crossings
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.surface import SurfaceExtractor, gradient_directions
 from anm_mj.types import OCCUPIED
 
@@ -68,7 +68,7 @@ def test_surface_points_stay_within_the_radius(trained_map):
 
 
 def test_only_blocks_that_a_new_frame_touched_are_asked_again(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     extractor = SurfaceExtractor(occupancy, 0.1)
     asked = []
 
@@ -96,7 +96,7 @@ def test_only_blocks_that_a_new_frame_touched_are_asked_again(room):
 
 
 def test_points_up_to_a_height_are_those_of_all_and_cost_less(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     observation = room.observe(2.0, 1.5, 0.0, size=128)
     occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
     asked = []
@@ -120,7 +120,7 @@ def test_points_up_to_a_height_are_those_of_all_and_cost_less(room):
 
 
 def test_a_sign_change_where_nothing_was_observed_is_no_surface(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     observation = room.observe(2.0, 1.5, 0.0, size=128)
     occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
 

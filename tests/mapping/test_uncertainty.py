@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.config import UncertaintyConfig, paper_mapping
+from anm_mj.mapping.mapping_config import UncertaintyConfig, paper_mapping
 from anm_mj.mapping.uncertainty import closed_form_variance, perturbed_variance, uncertainty_at
 from scripts.bench_uncertainty import rank_correlation
 
@@ -17,10 +17,10 @@ def _surface(rng, count=300):
 @pytest.mark.parametrize("method", ["last_layer_variance", "closed_form", "perturbation"])
 def test_the_same_seed_gives_the_same_variance(trained_map, method):
     points = np.random.default_rng(0).uniform(0.0, 2.0, (50, 3))
-    config = replace(trained_map.config.uncertainty, method=method)
+    uncertainty = replace(trained_map.config.uncertainty, method=method)
+    config = replace(trained_map.config, uncertainty=uncertainty)
     first, second = (
-        uncertainty_at(trained_map.backend, trained_map.observed, points, config, seed=0, density_exponent=0.5)
-        for _ in range(2)
+        uncertainty_at(trained_map.backend, trained_map.occupancy.by_depth, points, config, seed=0) for _ in range(2)
     )
     np.testing.assert_array_equal(first, second)
     assert (first > 0.0).all()

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.view import view_samples
 from anm_mj.types import OCCUPIED
 
@@ -16,10 +16,10 @@ def view(room):
 
 
 @pytest.fixture
-def all_occupied(view) -> OccupancyGrid:
-    grid = OccupancyGrid(OccupancyConfig())
+def all_occupied(view) -> DepthOccupancy:
+    grid = DepthOccupancy(OccupancyConfig())
     grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
-    grid.set_state({**grid.get_state(), "state": np.full_like(grid.grid.state, OCCUPIED)})
+    grid.set_arrays({**grid.arrays(), "state": np.full_like(grid.grid.state, OCCUPIED)})
     return grid
 
 

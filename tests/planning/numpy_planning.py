@@ -7,18 +7,20 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix, csgraph
 
 from anm_mj.planning.grid_windows import bounds
-from anm_mj.planning.policies.gvg.pooling import KNOWN, POOL
+from anm_mj.planning.policies.gvg.pooled_occupancy import POOL
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from anm_mj.utils.arrays import dilate_mask
 
 RAYS_PER_BATCH = 16_384
 """Rays that are cast at once."""
+KNOWN = 2
+"""State of a pooled cell that holds no new surface, without being free."""
 SAMPLES_AT_ONCE = 12
 """Rays are followed by this many samples at a time."""
 
 
 def numpy_capped_distance_cells(free, cap_cells):
-    """The reference of :func:`capped_distance_cells`."""
+    """Distance to the nearest cell that is not free, capped [cells]."""
     # The smaller type holds the sum of two squares up to 181 cells, and takes half of the time.
     whole = np.uint16 if 2 * cap_cells**2 <= np.iinfo(np.uint16).max else np.uint32
     squared = np.square(_along_rows(free, cap_cells), dtype=whole)
@@ -45,7 +47,7 @@ def _along_rows(free, cap_cells):
 
 
 def scipy_enclosed_holes(unknown, max_cells):
-    """The reference of :func:`enclosed_holes`."""
+    """The cells of parts of a mask, connected by sides, that have no more than ``max_cells``."""
     labels = np.empty(unknown.shape, np.int32)
     count = int(ndimage.label(unknown, output=labels))  # pyright: ignore[reportArgumentType]
     if not count:
@@ -57,30 +59,34 @@ def scipy_enclosed_holes(unknown, max_cells):
 
 
 def scipy_connected_components(links, num):
-    """The reference of :func:`connected_components`."""
+    """The component of each node."""
     matrix = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(num, num))
     return csgraph.connected_components(matrix, directed=False)[1].astype(np.int64)
 
 
-def numpy_pool(
-    state,
-    part,
-    cells,
-    num_free,
-    num_surface,
-):
-    """The reference of :func:`pool`."""
-    low, high = part.low, part.low + POOL * part.shape
+def numpy_pool(state, low, shape, floor, cells, to, num_free, num_surface):
+    """Pool a part of a voxel grid; as rows and columns in which cells have changed, or None.
+
+    Args:
+        state: of all voxels.
+        low: layer, row and column of the part's first voxel, which may lie outside of the grid.
+        shape: layers, rows and columns of its cells; the outermost rows and columns are looked at and not written.
+        floor: which of its layers of cells holds the floor.
+        cells: written to.
+        to: layer, row and column of the first cell that is written.
+        num_free: free cells of each layer; kept up.
+        num_surface: occupied cells of each layer; kept up.
+    """
+    high = low + POOL * shape
     inside = tuple(slice(max(a, 0), min(b, n)) for a, b, n in zip(low, high, state.shape, strict=True))
     voxels = state[inside]
     pad = [(max(-int(a), 0), max(int(b - n), 0)) for a, b, n in zip(low, high, state.shape, strict=True)]
-    if any(max(p) for p in pad):
-        voxels = np.pad(voxels, pad, constant_values=UNKNOWN)
+    voxels = np.pad(voxels, pad, constant_values=UNKNOWN)
     pooled, partly = _pooled(voxels)
     pooled[partly & dilate_mask(pooled == OCCUPIED)] = KNOWN
-    pooled[:, _without_floor(pooled, part.floor)] = KNOWN
+    pooled[:, _without_floor(pooled, floor)] = KNOWN
     pooled = pooled[:, 1:-1, 1:-1]
-    where = tuple(slice(int(a), int(a + b)) for a, b in zip(part.to, pooled.shape, strict=True))
+    where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, pooled.shape, strict=True))
     changed = bounds((pooled != cells[where]).any(axis=0), (where[1], where[2]))
     if not changed:
         return None
@@ -88,7 +94,8 @@ def numpy_pool(
         counts[where[0]] += np.count_nonzero(pooled == counted, axis=(1, 2))
         counts[where[0]] -= np.count_nonzero(cells[where] == counted, axis=(1, 2))
     cells[where] = pooled
-    return changed[0]
+    ((rows, cols),) = changed
+    return rows.start, rows.stop, cols.start, cols.stop
 
 
 def _without_floor(state, floor):
@@ -98,9 +105,7 @@ def _without_floor(state, floor):
     return (state[floor] == FREE) & (state[floor - 1] == FREE)
 
 
-def _pooled(
-    state,
-):
+def _pooled(state):
     """State of cells of 2 x 2 x 2 voxels, and which of the unknown ones are not unknown throughout."""
     # Of -1, 0 and 1 this leaves 17, 0 and 1, so that one sum holds the unknown in its upper four bits and all that is
     # not free in its lower four.
@@ -118,14 +123,16 @@ def _pooled(
     return pooled, unknown & (num_unknown < POOL**3)
 
 
-def numpy_cast_again(
-    cells,
-    offset,
-    start,
-    rows,
-    rays,
-):
-    """The reference of :func:`cast_again`."""
+def numpy_cast_rays(cells, offset, start, rows, rays):
+    """Cast the rays of some rows again where the cells that they hit have another state now.
+
+    Args:
+        cells: the pooled occupancy.
+        offset: of each sample of each ray from the cell that it starts in, as flat indices.
+        start: the cell that the rays of each row start in, as a flat index.
+        rows: which rows.
+        rays: of all rows; changed in place.
+    """
     places, rays_of = np.nonzero(cells.reshape(-1)[rays.hit[rows]] != rays.state[rows])
     for begin in range(0, len(places), RAYS_PER_BATCH):
         batch = slice(begin, begin + RAYS_PER_BATCH)
@@ -146,14 +153,17 @@ def numpy_cast_again(
         rays.depth[row[unknown], ray[unknown]] = ends.argmax(axis=1) - first
 
 
-def numpy_unknown_gains(
-    rays,
-    distance_m,
-    layer_share,
-    tried_from_m,
-    rule,
-):
-    """The reference of :func:`unknown_gains`."""
+def numpy_ray_gains(rays, distance_m, layer_share, tried_from_m, rule):
+    """Expected new surface of each ray [m2]; 0 where it does not end in the unknown.
+
+    Args:
+        rays: what they hit.
+        distance_m: of each sample [m].
+        layer_share: how likely it is that what is unknown in a layer holds surface.
+        tried_from_m: nearest distance from which a view left each cell unknown; +inf where none did [m].
+        rule: edge of a cell [m]; largest depth of surface in the unknown [m]; range of views [m]; a cell that was tried
+            has gain from nearer than this share of the distance then; area of a ray at a distance of 1 m.
+    """
     cell_m, max_depth_m, range_m, suppressed_share, solid_angle = (np.float32(number) for number in rule)
     gain_m2 = np.zeros(rays.hit.shape, np.float32)
     at = np.nonzero(rays.state == UNKNOWN)
@@ -168,24 +178,32 @@ def numpy_unknown_gains(
     return gain_m2
 
 
-def numpy_first_closed(occupancy, rays, distance_m):
-    """The reference of :func:`first_closed`."""
-    cell, sample = np.full((2, len(rays.direction)), -1)
+def numpy_first_closed(cells, frame, origin_m, direction, distance_m):
+    """The first cell along each ray that is not free, as a flat index, and its sample; -1 where all are free.
+
+    Args:
+        cells: the pooled occupancy.
+        frame: world x, y, z of its corner, edge of a cell, and heights at which rays end below and above [m].
+        origin_m: of all rays [m].
+        direction: of horizontal length 1.
+        distance_m: horizontal distance of the samples [m].
+    """
+    corner_m, cell_m, low_m, high_m = frame[:3], *frame[3:]
+    _, rows, cols = cells.shape
+    cell, sample = np.full((2, len(direction)), -1)
     # Most rays end early, and their ends are not looked at.
-    left = np.arange(len(rays.direction))
+    left = np.arange(len(direction))
     for begin in range(0, len(distance_m), SAMPLES_AT_ONCE):
         here_m = distance_m[begin : begin + SAMPLES_AT_ONCE]
-        x, y, z = (rays.origin_m[axis] + np.multiply.outer(rays.direction[left, axis], here_m) for axis in range(3))
-        index = occupancy.flat_index_of(x, y, z.clip(*_lowest_and_highest_m(occupancy)))
-        closed = occupancy.state.reshape(-1)[index] != FREE
+        x, y, z = (origin_m[axis] + np.multiply.outer(direction[left, axis], here_m) for axis in range(3))
+        col, row, layer = (
+            np.floor((along_m - corner_m[axis]) / cell_m).astype(np.int64)
+            for axis, along_m in enumerate((x, y, z.clip(low_m, high_m)))
+        )
+        index = (layer * rows + row) * cols + col
+        closed = cells.reshape(-1)[index] != FREE
         first, ends = closed.argmax(axis=1), closed.any(axis=1)
         cell[left[ends]] = index[ends, first[ends]]
         sample[left[ends]] = begin + first[ends]
         left = left[~ends]
     return cell, sample
-
-
-def _lowest_and_highest_m(occupancy):
-    """Middle of the lowest layer and of the highest one [m]."""
-    low, high = occupancy.origin_m[2], occupancy.origin_m[2] + len(occupancy.state) * occupancy.cell_m
-    return float(low + 0.5 * occupancy.cell_m), float(high - 0.5 * occupancy.cell_m)

@@ -1,7 +1,7 @@
 import numpy as np
 
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.types import UNKNOWN, VoxelGrid
 from anm_mj.utils.arrays import embed
@@ -14,13 +14,13 @@ def grid_with(column_version, version):
 
 
 def test_takes_every_change_of_a_grid_that_grows():
-    room, occupancy, reader = Room(), OccupancyGrid(OccupancyConfig()), ChangeReader()
+    room, occupancy, reader = Room(), DepthOccupancy(OccupancyConfig()), ChangeReader()
     before = np.full((128, 256, 256), UNKNOWN, np.int8)
     for step, yaw in enumerate((0.0, 0.3, 1.5, 3.0, 3.0)):
         view = room.observe(2.0, 1.5, yaw, step=step)
         occupancy.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
         grid = occupancy.grid
-        start = occupancy.corner[::-1] + np.array([64, 128, 128])
+        start = occupancy.voxels.corner[::-1] + np.array([64, 128, 128])
         state = embed(grid.state, before.shape, start, UNKNOWN)
         outside = np.ones(grid.state.shape[1:], bool)
         window = reader.take(grid)

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.contracted_edges import components
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, Footprint, Pose2, TopDownMap
@@ -12,6 +12,12 @@ from tests.planning.worlds import BoxWorld, room, see, topdown_map
 
 SAFE_M = 0.22
 CONFIG = PlanningConfig(horizon_m=20.0)
+
+
+def components(graph):
+    """The connected component of each vertex, the largest first."""
+    label = connected_components(graph.edges, len(graph.vertex_xy_m))
+    return np.argsort(np.argsort(-np.bincount(label), kind="stable"))[label]
 
 
 def border_map(border_xy_m, size=200):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from unittest.mock import Mock
-
 import numpy as np
 
 from anm_mj.planning.field_of_view import FieldOfView
@@ -49,7 +47,7 @@ class BoxWorld:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
-    def occupancy_about(self, centre_xy_m, radius_m) -> VoxelGrid:
+    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf) -> VoxelGrid:
         return self.occupancy
 
     def surface(self, centre_xy_m, radius_m, max_height_m=np.inf) -> SurfacePoints:
@@ -65,7 +63,7 @@ def room(width_m, height_m, wall_m=0.2, boxes=(), unknown=()):
 
 def topdown_map(mapper, grid, sdf, pose, camera=CAMERA):
     """The top-down map that a mapper makes of an occupancy grid and a signed-distance function."""
-    return mapper.update(Mock(occupancy=grid, sdf=sdf, truncation_m=TRUNCATION_M), pose, camera)[0]
+    return mapper.update(grid, sdf, TRUNCATION_M, pose, camera)[0]
 
 
 def see(world, x, y, safe_m=0.22):

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, pose_matrix
-from anm_mj.robot.kinematics import WHEEL_JOINTS, RobotKinematics
+from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.robot.reduced_model import WHEEL_JOINTS
 from anm_mj.types import Pose2, WheelSpeeds
 from tests.robots import ROBOT_XML
 

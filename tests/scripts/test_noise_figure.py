@@ -12,6 +12,7 @@ def write(folder, policy, scale, observable, *, steps=300, collisions=0):
     run = folder / "runs" / f"{policy}_{scale}"
     run.mkdir(parents=True)
     job = {
+        "scene": "somewhere",
         "policy": policy,
         "scene_name": "somewhere",
         "scene_hash": "0",

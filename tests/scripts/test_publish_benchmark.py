@@ -2,7 +2,7 @@ import pytest
 
 from anm_mj.bench.comparison import run_bench
 from anm_mj.errors import AnmError
-from scripts.publish_benchmark import BEGIN, END, main
+from scripts.publish_benchmark import BEGIN, END, main, without_scene_tables
 
 
 def test_tables_pictures_and_rows_take_the_place_of_the_former_ones(tmp_path):
@@ -40,3 +40,11 @@ def test_a_folder_without_tables_or_rows_and_a_page_without_marks_are_refused(tm
     (tmp_path / f"{tmp_path.name}.md").write_text("no marks")
     with pytest.raises(AnmError, match="holds no marks"):
         main(tmp_path, tmp_path)
+
+
+def test_tables_of_single_scenes_stay_where_there_is_one_scene_only():
+    means = ["## Mean over 2 scenes, 4 runs of each policy", "", "| gvg | 90.0 |", ""]
+    one, two = (["## " + name, "", "Scene hash 0123.", "", "| gvg | 91.0 |", ""] for name in ("home", "flat"))
+
+    assert without_scene_tables(means + one) == means + one
+    assert without_scene_tables(means + one + two) == means + one[:4] + two[:4]

@@ -2,12 +2,12 @@ import math
 
 import numpy as np
 import pytest
-
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.sensing.lost_pixels import BLOCK_PX, lost_squares, vouched_depth
+
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics
-from tests.mapping.test_occupancy import camera_pose
+from tests.mapping.ray_room import camera_pose
 
 CAMERA = Intrinsics.from_fov(128, 128, math.pi / 2)
 HEIGHT_M = 1.0
@@ -30,7 +30,7 @@ def measured(depth_m):
 
 def ahead(depth_m, distance_m, *, config=USUAL, range_m=RANGE_M):
     """State at the camera's height at a distance straight ahead, after one view."""
-    grid = OccupancyGrid(config)
+    grid = DepthOccupancy(config)
     grid.integrate(depth_m, CAMERA, camera_pose(0.0, 0.0, HEIGHT_M, 0.0), range_m)
     return grid.state_at(np.array([[distance_m, 0.0, HEIGHT_M]]))[0]
 

@@ -6,7 +6,7 @@ import pytest
 
 from anm_mj.explore import explore
 from anm_mj.frames import move_pose
-from anm_mj.sensing.outliers import outliers
+from anm_mj.sensing.pixel_state import find_outliers
 from anm_mj.sensing.sensor_monitor import PATIENCE_FRAMES, SensorMonitor
 from anm_mj.types import Action, Intrinsics, Observation, Plan, Pose2, StopReason
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
@@ -210,7 +210,9 @@ def test_outliers_are_left_out_and_nothing_else(share: float, caplog):
 
 def test_a_good_frame_is_handed_on_as_it_is(caplog):
     seen = box_view(Pose2(-0.5, 0.1, 0.7))
-    assert SensorMonitor().check(seen) is seen
+    kept = SensorMonitor().check(seen)
+    assert kept.depth_m is seen.depth_m
+    assert replace(kept, pixel_state=None) == seen
     assert not caplog.records
 
 
@@ -218,6 +220,6 @@ def test_a_leg_one_pixel_wide_is_no_outlier():
     depth_m = np.full((32, 32), 5.0, np.float32)
     depth_m[8:24, 10] = 2.0
     depth_m[28, 28] = 2.0
-    found = outliers(depth_m)
+    found = find_outliers(depth_m)
     assert found[28, 28]
     assert not found[9:23].any()

@@ -140,10 +140,10 @@ def test_the_footprint_encloses_the_robot():
     assert model.geom("chassis").pos[2] - model.geom("chassis").size[1] == pytest.approx(FOOTPRINT.z_min_m)
 
 
-def test_third_party_scene(dev_scenes, tmp_path):
-    source = dev_scenes / "rmf_office.glb"
+def test_third_party_scene(public_scenes, tmp_path):
+    source = public_scenes / "rmf_office.glb"
     if not source.is_file():
-        pytest.skip(f"no rmf_office.glb in {dev_scenes}")
+        pytest.skip(f"no rmf_office.glb in {public_scenes}")
     scene = import_scene(source, tmp_path / "office")
     with make_robot(load_scene(scene.folder), image_px=64) as robot:
         observation = robot.observe()

@@ -39,7 +39,7 @@ class CountingMap(FakeMap):
     def integrate(self, observation):
         raise AssertionError("the viewer asks for the mesh only")
 
-    sdf = uncertainty = surface = occupancy_about = integrate
+    sdf = uncertainty = surface = occupancy_grid = integrate
     occupancy = None
 
 

@@ -37,22 +37,6 @@ class DiscretePath:
     end_m: Float[np.ndarray, "2"]
     """Where the path ends [m]."""
 
-    def frames(
-        self, start_m: Float[np.ndarray, "2"], yaw: int, yaw_rad: float
-    ) -> tuple[Float[np.ndarray, "n 2"], list[int]]:
-        """Place [m] and heading after every action, from a start place and heading; heading 0 is ``yaw_rad``."""
-        xy_m, yaws = list[Float[np.ndarray, "k 2"]](), list[int]()
-        at = start_m
-        for towards, moves in zip(self.yaws, self.moves, strict=True):
-            turns = turn(yaw, towards, shorter_side(yaw, towards))
-            yaws += [*turns, *[towards] * moves]
-            yaw = towards
-            # The robot stands still while it turns: moves 0, 0, ..., 1, 2, ...
-            moved = np.concatenate([np.zeros(len(turns)), np.arange(1, moves + 1)])
-            xy_m.append(at + moved[:, None] * (FORWARD_STEP_M * direction(yaw, yaw_rad)))
-            at = xy_m[-1][-1] if len(moved) else at
-        return np.concatenate([np.zeros((0, 2)), *xy_m]), yaws
-
 
 def direction(yaw: int, yaw_rad: float) -> Float[np.ndarray, "2"]:
     """Unit vector of a heading; heading 0 is ``yaw_rad``."""

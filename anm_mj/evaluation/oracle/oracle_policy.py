@@ -80,16 +80,16 @@ class Oracle:
         """The place that the robot is at, or nearly so."""
         self._num_frames = 0
         self._former_m = np.zeros((0, 3))
-        """Surface that former runs saw [m]."""
+        """Surface that earlier runs saw [m]."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """Nothing beside the map."""
         return {}
 
     def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Count what a former run saw as covered."""
+        """Count the surface that an earlier run saw as covered."""
         del former
-        grid = mapper.occupancy
+        grid = mapper.occupancy_grid()
         self._former_m = (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m + grid.origin_m
 
     def observe(self, observation: Observation) -> None:
@@ -108,20 +108,20 @@ class Oracle:
         self._coverage = Coverage(self._planner.samples)
         self._coverage.add_points(self._former_m)
 
-    def checkpoint_state(self) -> dict[str, Any] | None:
+    def get_state(self) -> dict[str, Any] | None:
         """What planner and coverage remember, for a checkpoint; None before the first observation."""
         if self._planner is None:
             return None
-        return {"planner": self._planner.checkpoint_state(), "coverage": self._coverage.checkpoint_state()}
+        return {"planner": self._planner.get_state(), "coverage": self._coverage.get_state()}
 
-    def restore_state(self, state: dict[str, Any] | None) -> None:
-        """Take over what :meth:`checkpoint_state` gave."""
+    def set_state(self, state: dict[str, Any] | None) -> None:
+        """Take over what :meth:`get_state` gave."""
         if state is None or self._first_pose is None:
             return
         self._start(self._first_pose)
         assert self._planner is not None
-        self._planner.restore_state(state["planner"])
-        self._coverage.restore_state(state["coverage"])
+        self._planner.set_state(state["planner"])
+        self._coverage.set_state(state["coverage"])
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The actions to the next stop of the tour, or the end if nothing is left."""
@@ -143,13 +143,12 @@ class Oracle:
             if not self._stops:
                 return Plan("nothing left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
 
-    def _steps_left(self) -> int | None:
+    def _steps_left(self) -> int:
         """The rest of the budget: one frame came before the first action, and one after each."""
-        budget = self._scene.budget_steps
-        return None if budget is None else max(budget - self._num_frames + 1, 0)
+        return max(self._scene.budget_steps - self._num_frames + 1, 0)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
-        """Avoid the spot ahead and plan anew; retry the stop once, then skip it."""
+        """Avoid the spot ahead and replan; retry the stop once, then skip it."""
         del action  # Only forward moves collide.
         assert self._planner is not None, "observe comes first"
         self._planner.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)

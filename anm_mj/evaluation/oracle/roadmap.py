@@ -84,10 +84,12 @@ class Roadmap:
 
     def nearest(self, xy_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
         """The place nearest to each point, good to a cell; points outside of the grid count as at its border."""
-        col_row = np.floor((xy_m - self.origin_xy_m) / self.resolution_m).astype(np.int64)
-        return self.nearest_place[
-            np.ravel_multi_index((col_row[:, 1], col_row[:, 0]), self.clearance_m.shape, mode="clip")
-        ]
+        row_col = self._cells(xy_m)
+        return self.nearest_place[np.ravel_multi_index((*row_col.T,), self.clearance_m.shape, mode="clip")]
+
+    def _cells(self, xy_m: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
+        """Row and column of points [m], which may lie outside of the grid."""
+        return np.floor((xy_m - self.origin_xy_m) / self.resolution_m).astype(np.int64)[..., ::-1]
 
     def near(self, radius_m: float) -> list[list[int]]:
         """For each place the places within a radius, itself included."""
@@ -120,11 +122,10 @@ class Roadmap:
 
     def _clearance_at(self, xy_m: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
         """Distance of points to the edge of the area, good to a cell [m]; 0 beyond it."""
-        col_row = np.floor((xy_m - self.origin_xy_m) / self.resolution_m).astype(np.int64)
-        col, row = col_row[..., 0], col_row[..., 1]
-        rows, cols = self.clearance_m.shape
-        inside = (row >= 0) & (col >= 0) & (row < rows) & (col < cols)
-        return np.where(inside, self.clearance_m[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], 0.0)
+        row_col, shape = self._cells(xy_m), np.array(self.clearance_m.shape)
+        inside = ((row_col >= 0) & (row_col < shape)).all(axis=-1)
+        row, col = np.moveaxis(np.clip(row_col, 0, shape - 1), -1, 0)
+        return np.where(inside, self.clearance_m[row, col], 0.0)
 
     def least_clearance_m(self, xy_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], moves: int) -> float:
         """Least clearance on a straight row of moves, sampled at every other move and the last [m]."""

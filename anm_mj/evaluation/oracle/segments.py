@@ -52,7 +52,7 @@ class Segments:
         return self._num
 
     def clear(self) -> None:
-        """Drop all segments; their numbers begin anew."""
+        """Drop all segments; numbering restarts."""
         self.turns[:] = self.paths[:] = -1
         self._num = 0
 

@@ -2,9 +2,8 @@
 
 Set cover, the order of views and the paths between them are one problem, because a tour sees most of what it sees on
 its way: a camera that passes a door shows the room behind it. So the cost of a tour depends on nothing but its coverage
-curve: the samples covered by the frames after each of its actions, in order. With a budget the cost is the area above
-the curve or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.tour_measure`). Without one it
-is a weighted mean of the steps at which the curve reaches certain levels, such as 90 % of the observable samples.
+curve: the samples covered by the frames after each of its actions, in order. It is the area above the curve within a
+budget, or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.tour_measure`).
 
 A tour is a list of stops. A stop is a place and, if need be, a yaw to turn to there and the side to turn by. Simulated
 annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983) adds, removes, moves
@@ -32,10 +31,6 @@ from anm_mj.types import FORWARD_STEP_M
 Stop = tuple[int, int, int]
 """Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
 
-MISSING_STEPS = 4.0
-"""Cost of a sample short of a level [steps]."""
-LENGTH_WEIGHT = 0.02
-"""Weight of every step of a tour, so that no tour goes on without gain."""
 HOT_STEPS = 10.0
 """Temperature at the start [steps]: a change that costs so much more is taken one time in e."""
 WARM_STEPS = 4.0
@@ -51,16 +46,6 @@ NUM_DRAWN = 12
 MAX_SEGMENTS = 120_000
 """Most segments in memory."""
 MAX_STOPS = 300
-NO_BUDGET = 2**62
-"""Stands for no budget [steps]."""
-
-
-@dataclass(frozen=True)
-class Level:
-    """A number of samples, and the weight of the step at which they are covered."""
-
-    samples: int
-    weight: float
 
 
 @dataclass(frozen=True)
@@ -73,10 +58,10 @@ class Task:
     """Start yaw."""
     seen: UInt64[np.ndarray, " words"]
     """Samples covered already."""
-    levels: tuple[Level, ...]
-    """Samples to cover, those covered already included."""
-    measure: Measure | None = None
-    """What the tour is for instead of the levels, where it has a budget."""
+    samples: int
+    """Samples that the first, greedy tour covers, those covered already included."""
+    measure: Measure
+    """What the tour is for."""
 
 
 class TourCoverage(NamedTuple):
@@ -93,48 +78,30 @@ class TourCoverage(NamedTuple):
 
 
 class TourAnnealer:
-    """Makes tours shorter.
+    """Makes tours better.
 
     Args:
         segments: Segments of tours.
         roadmap: Places and paths between them.
         task: Start and goal.
         seed: Of the random changes.
-        missing_steps: Cost of a sample short of a level [steps].
     """
 
-    def __init__(
-        self, segments: Segments, roadmap: Roadmap, task: Task, seed: int, missing_steps: float = MISSING_STEPS
-    ) -> None:
+    def __init__(self, segments: Segments, roadmap: Roadmap, task: Task, seed: int) -> None:
         self._segments = segments
         self._roadmap = roadmap
         self._task = task
-        self._missing_steps = missing_steps
-        self._budget = NO_BUDGET if task.measure is None else task.measure.budget
-        self._needs = np.array([level.samples for level in task.levels])
         self._rng = np.random.default_rng(seed)
         self._num_places = len(roadmap.places_m)
         self._near = roadmap.near(NEAR_M)
         self._frames_of: dict[int, list[int]] = {}
 
     def cost(self, stops: list[Stop]) -> float:
-        """Weighted steps to the levels; samples short of a level cost extra."""
+        """What the tour misses of its measure [steps]."""
         return self._cost(self.coverage(stops))
 
     def _cost(self, coverage: TourCoverage) -> float:
-        steps, covered = coverage.steps, coverage.samples
-        if self._task.measure is not None:
-            return self._task.measure.cost(steps, covered)
-        total = LENGTH_WEIGHT * float(steps[-1])
-        at = np.searchsorted(covered, self._needs).tolist()
-        for k, level in zip(at, self._task.levels, strict=True):
-            if k == len(steps):
-                total += level.weight * (float(steps[-1]) + self._missing_steps * (level.samples - float(covered[-1])))
-            elif k > 0:
-                before, after = float(covered[k - 1]), float(covered[k])
-                share = (level.samples - before) / (after - before)
-                total += level.weight * (float(steps[k - 1]) + share * float(steps[k] - steps[k - 1]))
-        return total
+        return self._task.measure.cost(coverage.steps, coverage.samples)
 
     def coverage(self, stops: list[Stop]) -> TourCoverage:
         """What a tour covers within the budget, segment by segment (``native/tour.h``)."""
@@ -145,7 +112,9 @@ class TourAnnealer:
         wanted, final = np.empty(4, np.int64), task.seen.copy()
         while True:
             made = segments.turns, segments.paths, segments.yaws, segments.steps, segments.covers
-            count, num_stops = _native.tour_coverage(flat, start, self._budget, *made, final, numbers, covered, wanted)
+            count, num_stops = _native.tour_coverage(
+                flat, start, task.measure.budget, *made, final, numbers, covered, wanted
+            )
             if count >= 0:
                 return TourCoverage(np.cumsum(segments.steps[numbers[:count]]), covered[:count], final, num_stops)
             place, a, b, side = wanted.tolist()
@@ -268,14 +237,13 @@ class TourAnnealer:
 
 
 def greedy_tour(segments: Segments, roadmap: Roadmap, task: Task, yaw_rad: float) -> list[Stop]:
-    """A tour to the first level that always goes on to the view with the most new samples per step.
+    """A tour to the task's samples that always goes on to the view with the most new samples per step.
 
     That is where a search begins; it finds the rest better by itself.
     """
     place, yaw, seen, stops = task.place, task.yaw, task.seen.copy(), list[Stop]()
-    goal = min((level.samples for level in task.levels), default=0)
     half = NUM_HEADINGS // 2
-    while int(count(seen)) < goal and len(stops) < MAX_STOPS:
+    while int(count(seen)) < task.samples and len(stops) < MAX_STOPS:
         gains = count(segments.bits & ~seen)
         delta = roadmap.places_m - roadmap.places_m[place]
         towards = np.rint((np.arctan2(delta[:, 1], delta[:, 0]) - yaw_rad) * (NUM_HEADINGS / math.tau))

@@ -1,7 +1,7 @@
-"""What a tour with a budget is for: the area under its coverage curve, or its coverage at the end of the budget.
+"""What a tour is for: the area under its coverage curve, or its coverage at the end of the budget.
 
-Costs are in steps, as those of tours without a budget: a sample that stays uncovered for the whole budget costs the
-budget divided by the number of samples.
+Costs are in steps: a sample that stays uncovered for the whole budget costs the budget divided by the number of
+samples.
 """
 
 from __future__ import annotations

@@ -21,9 +21,7 @@ from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
 from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
 from anm_mj.evaluation.oracle.segments import Segments
 from anm_mj.evaluation.oracle.tour_annealing import (
-    MISSING_STEPS,
     WARM_STEPS,
-    Level,
     Stop,
     Task,
     TourAnnealer,
@@ -45,13 +43,8 @@ _logger = logging.getLogger(__name__)
 
 METHOD = 5
 """Version of the search; a higher one ignores tours that older versions cached."""
-LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
-"""Shares of the observable surface and the weight of the steps to each. One tour serves all of them; the lower levels
-lead the search to tours that see much early."""
-RESIDUAL_WEIGHT = 0.5
-"""Weight of the steps to all visible samples, in a residual tour."""
-RESIDUAL_MISSING_STEPS = 40.0
-"""Cost of a sample short of a level, in a residual tour [steps]."""
+LEVELS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.99)
+"""Shares of the observable surface; the greedy tour goes to the first that is not reached."""
 SLACK = 0.002
 """Share planned beyond a level, because frames do not cover all that the plan expects."""
 PLACE_SPACING_M = 0.25
@@ -84,7 +77,7 @@ class TourPlanner:
         scene: The true scene, with its observable surface.
         rounds: Annealing rounds of the first tour.
         start: Pose at the beginning; its yaw is heading 0.
-        measure: What the first tour is for where the scene's budget is known: one of ``MEASURES``.
+        measure: What tours are for: one of ``MEASURES``.
         trajectories: Poses of finished runs from which the search for the first tour also begins.
     """
 
@@ -123,13 +116,13 @@ class TourPlanner:
         """Samples that the present residual tour should cover."""
         self._avoided = list[Float[np.ndarray, "2"]]()
 
-    def next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], steps_left: int | None = None) -> list[Stop]:
+    def next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], steps_left: int) -> list[Stop]:
         """A tour from a pose through the tracked samples that are left; empty if nothing can be gained.
 
         Args:
             pose: Where it begins.
             left: Which of the samples are left.
-            steps_left: The rest of the budget; None = there is none.
+            steps_left: The rest of the budget.
         """
         self._tours += 1
         self._failures[self._expected[left[self._expected]]] += 1
@@ -137,13 +130,7 @@ class TourPlanner:
         return stops if stops or self._tours > MAX_TOURS else self._residual_tour(pose, left, steps_left)
 
     def upper_bound(self, pose: Pose2) -> Float[np.ndarray, " steps"]:
-        """The most of the planned samples that a tour from a pose can have covered after each step of the budget [%].
-
-        Raises:
-            ValueError: The scene's budget is not known.
-        """
-        if self._scene.budget_steps is None:
-            raise ValueError("a bound needs the budget")
+        """Most of the planned samples that a tour from a pose can have covered after each step of the budget [%]."""
         area, places_m = self._scene.reachable, self._roadmap.places_m
         earliest = earliest_steps(area, places_m, pose.xy_m, self.yaw_at(pose), self._spacing_m)
         bound = coverage_bound(self._first_bits(), earliest, self._scene.budget_steps)
@@ -172,12 +159,12 @@ class TourPlanner:
         self._avoided.append(spot_m)
         self._roadmap.avoid(spot_m)
 
-    def checkpoint_state(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """What was planned and met so far, for a checkpoint."""
         return {name: getattr(self, name) for name in _REMEMBERED}
 
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Take over what :meth:`checkpoint_state` gave."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`get_state` gave."""
         for name in _REMEMBERED:
             setattr(self, name, state[name])
         self._make_roadmap()
@@ -187,22 +174,21 @@ class TourPlanner:
         for spot_m in self._avoided:
             self._roadmap.avoid(spot_m)
 
-    def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], budget: int | None) -> list[Stop]:
+    def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], budget: int) -> list[Stop]:
         """A tour through all planned samples."""
         total = len(self._planned)
         bits = self._first_bits()
         seen = pack(~left[None, :total])[0]
         have, most = int(count(seen)), int(count(_union(bits) | seen))
-        wanted = [(min(math.ceil((share + SLACK) * total), most), weight) for share, weight in LEVELS]
-        levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
-        # A sample costs more steps in a large scene, and to miss a level must not be cheaper than to reach it.
-        missing_steps = MISSING_STEPS * self._spacing_m / PLACE_SPACING_M
-        measure = None if budget is None else Measure(self._measure, budget, total)
-        task = Task(self.place_at(pose), self.yaw_at(pose), seen, levels, measure)
-        known = [stops_along(poses, self.place_at, self.yaw_at, budget or len(poses)) for poses in self._trajectories]
-        return self._search(task, bits, self._rounds, missing_steps, known)
+        wanted = [min(math.ceil((share + SLACK) * total), most) for share in LEVELS]
+        goal = min((samples for samples in wanted if samples > have), default=None)
+        if goal is None:
+            return []
+        task = Task(self.place_at(pose), self.yaw_at(pose), seen, goal, Measure(self._measure, budget, total))
+        known = [stops_along(poses, self.place_at, self.yaw_at, budget) for poses in self._trajectories]
+        return self._search(task, bits, self._rounds, known)
 
-    def _residual_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], budget: int | None) -> list[Stop]:
+    def _residual_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], budget: int) -> list[Stop]:
         """A tour through what other tours left, by places selected for it."""
         which = np.flatnonzero(left & (self._failures < MAX_FAILURES))
         if not len(which):
@@ -218,36 +204,30 @@ class TourPlanner:
             return []
         self._expected = residual[np.flatnonzero(unpack(visible))]
         # Residual samples to cover for a share of all tracked samples.
-        wanted = [
-            (math.ceil((share + SLACK - 1.0) * len(left) / max(len(which), 1) * len(residual)) + len(residual), weight)
-            for share, weight in LEVELS
-        ]
-        levels = [Level(samples, weight) for samples, weight in wanted if 0 < samples < most]
-        levels.append(Level(most, RESIDUAL_WEIGHT))
-        measure = None if budget is None else Measure(self._measure, budget, len(residual))
-        task = Task(self.place_at(pose), self.yaw_at(pose), np.zeros_like(visible), tuple(levels), measure)
-        return self._search(task, bits, min(self._rounds, RESIDUAL_ROUNDS), RESIDUAL_MISSING_STEPS)
+        short = [(share + SLACK - 1.0) * len(left) / len(which) * len(residual) for share in LEVELS]
+        wanted = [math.ceil(samples) + len(residual) for samples in short]
+        goal = min([samples for samples in wanted if 0 < samples < most] + [most])
+        measure = Measure(self._measure, budget, len(residual))
+        task = Task(self.place_at(pose), self.yaw_at(pose), np.zeros_like(visible), goal, measure)
+        return self._search(task, bits, min(self._rounds, RESIDUAL_ROUNDS))
 
     def _search(
         self,
         task: Task,
         bits: UInt64[np.ndarray, "p yaws words"],
         rounds: int,
-        missing_steps: float,
         others: Sequence[list[Stop]] = (),
     ) -> list[Stop]:
         """A tour for a task: the cached one, or the best that the search finds, also from tours of others."""
-        if not task.levels:
-            return []
         digest = hashlib.sha256(self._roadmap.places_m.tobytes() + bits.tobytes()).hexdigest()
-        text = f"{self._key}\0{digest}\0{task.place}\0{task.yaw}\0{task.levels}\0{task.measure}\0{rounds}\0{others}"
+        text = f"{self._key}\0{digest}\0{task.place}\0{task.yaw}\0{task.samples}\0{task.measure}\0{rounds}\0{others}"
         key = hashlib.sha256(text.encode() + task.seen.tobytes()).hexdigest()[:32]
         path = cache_folder("oracle") / f"{key}.json"
         known = _read_tour(path)
         if known is not None:
             return known
         segments = Segments(bits, self._roadmap, self._yaw_rad)
-        search = TourAnnealer(segments, self._roadmap, task, SEED, missing_steps)
+        search = TourAnnealer(segments, self._roadmap, task, SEED)
         begin = greedy_tour(segments, self._roadmap, task, self._yaw_rad)
         each = rounds // (2 * NUM_STARTS)
         begins = [begin] * NUM_STARTS + sorted(others, key=search.cost)[:NUM_WARM_STARTS]

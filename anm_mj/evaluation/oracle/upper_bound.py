@@ -1,8 +1,8 @@
 """Estimated upper bound on coverage: a relaxation leaves out the time to see many things, but not the path to each.
 
 A sample counts from the first step at which the robot could see it if it drove straight to where it is seen from and
-turned to it by the shorter side. So the bound at a step is the number of samples that some pose within so many actions
-sees. It is loose where much is to be seen in many places, because it is in all of them at the same time. It is an
+turned to it by the shorter side. So the bound at a step is the number of samples that some pose can see by
+then. It is loose where much is to be seen in many places, because it is in all of them at the same time. It is an
 estimate, because the poses and the samples are chosen ones: a sample may be seen earlier from between the places.
 
 Poses are those of the tour search: places at most a spacing apart, whose views stand for those about them. Travel is

@@ -21,7 +21,6 @@ from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.types import Pose2
 
-LOG = "steps.jsonl"
 LEAST_TURNS = 3
 """Fewer turns in a row only follow a path."""
 MOVED_M = 1e-3
@@ -39,14 +38,14 @@ def read_trajectories(folders: str) -> list[list[Pose2]]:
     Raises:
         PlanError: A folder holds no log of steps, or a damaged one.
     """
-    return [_read(Path(folder)) for folder in folders.split(os.pathsep) if folder]
-
-
-def _read(folder: Path) -> list[Pose2]:
-    try:
-        return [Pose2(line["x_m"], line["y_m"], line["yaw_rad"]) for line in read_jsonl(folder / LOG)]
-    except (RunFolderError, KeyError, TypeError) as err:
-        raise PlanError(f"policy.warm_start: {folder} is no run to begin from ({err}); give run folders.") from err
+    found = []
+    for folder in filter(None, folders.split(os.pathsep)):
+        try:
+            lines = read_jsonl(Path(folder) / "steps.jsonl")
+            found.append([Pose2(line["x_m"], line["y_m"], line["yaw_rad"]) for line in lines])
+        except (RunFolderError, KeyError, TypeError) as err:
+            raise PlanError(f"policy.warm_start: {folder} is no run to begin from ({err}); give run folders.") from err
+    return found
 
 
 def stops_along(

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from anm_mj.mapping.config import OptimizerConfig
-from anm_mj.mapping.parameters import check_state
+from anm_mj.mapping.backends.parameters import check_shapes
+from anm_mj.mapping.mapping_config import OptimizerConfig
 
 
 class Adam:
@@ -75,7 +75,7 @@ class Adam:
             MapError: A name is missing or has another shape.
         """
         tensors = self._tensors()
-        check_state(state, {name: tuple(tensor.shape) for name, tensor in tensors.items()})
+        check_shapes(state, {name: tuple(tensor.shape) for name, tensor in tensors.items()})
         for name, tensor in tensors.items():
             tensor.copy_(torch.from_numpy(np.asarray(state[name])))
 

@@ -1,15 +1,15 @@
 """The seam at which the mapper's engine is swapped: whole training steps in, losses out.
 
 A narrower seam (an encoding, a network) would cost as much again in copies and launches. Arrays are numpy at this
-border, in host memory; the parameter layout is the one of :mod:`anm_mj.mapping.parameters`. Given the same state, rays
-and seed, all engines draw the same samples (:func:`anm_mj.mapping.sampling.counter_uniform`) and agree to rounding.
+border, in host memory; the parameter layout is the one of :mod:`anm_mj.mapping.backends.parameters`. Given the same
+state, rays and seed, all engines draw the same samples (:func:`.torch_sampling.counter_uniform`) and agree to rounding.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.pixel_memory import HostPixels, PixelMemory
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
 
 Vectors = Float32[np.ndarray, "n 3"]
@@ -27,6 +26,10 @@ SampleDepths = Float32[np.ndarray, "n samples"]
 """Planar depths of the samples on each of n rays [m]."""
 RenderedRays = tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]
 """Colour in [0, 1] and planar depth [m] of n rays."""
+
+
+Parameters = dict[str, Float32[np.ndarray, "..."]]
+"""Parameters of the field by name."""
 
 
 class StepLosses(NamedTuple):
@@ -45,13 +48,9 @@ class MapperBackend(ABC):
 
     config: MappingConfig
     name: str
-    """Which engine it is, for the log: "torch", "triton", "mlp", or "native" with its instruction set."""
+    """Which engine it is, for the log: "torch", "mlp", or "native" with its instruction set."""
     device: str
     """Where it computes, for the log: "cpu" or "cuda"."""
-
-    def pixel_memory(self, count: int) -> PixelMemory:
-        """Room for so many pixels to replay, where the engine reads them from."""
-        return HostPixels(count)
 
     @abstractmethod
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
@@ -67,12 +66,12 @@ class MapperBackend(ABC):
         """
 
     def steps(
-        self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
+        self, batches: Sequence[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
         """Several iterations, with the results of :meth:`step` on each batch; an engine may let them overlap.
 
         Args:
-            batches: The batches, each of which is asked for when it is wanted.
+            batches: The batches.
             draws: Seed and smoothness corner of each.
 
         Returns:
@@ -129,24 +128,24 @@ class MapperBackend(ABC):
         raise MapError(f"Engine '{self.name}' cannot localise; use mapping.engine=native.")
 
     @abstractmethod
-    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+    def parameters(self) -> Parameters:
         """Copies of all parameters by name."""
 
     @abstractmethod
-    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
-        """Take over parameters by name and start the optimiser afresh.
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Take over parameters by name, passing over other names, and start the optimiser afresh.
 
         Raises:
             MapError: If a name is missing or a shape differs from the configuration's.
         """
 
     @abstractmethod
-    def get_optimizer(self) -> dict[str, np.ndarray]:
-        """Copies of the optimiser's moments and counters by name, none of which is the name of a parameter."""
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Copies of parameters and of the optimiser's moments and counters, by name."""
 
     @abstractmethod
-    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_optimizer` gave; other names are passed over.
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_state` gave.
 
         Raises:
             MapError: If a name is missing or a shape differs from the configuration's.

@@ -22,13 +22,13 @@ from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 from anm_mj.mapping.backends.adam import Adam
-from anm_mj.mapping.backends.backend import RenderedRays, SampleDepths, StepLosses, Vectors
+from anm_mj.mapping.backends.backend import Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
+from anm_mj.mapping.backends.parameters import check_shapes
 from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, TensorBackend
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.parameters import check_state
+from anm_mj.mapping.backends.torch_sampling import counter_uniform
+from anm_mj.mapping.backends.volume_rendering import sdf_to_weight
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import sdf_to_weight
-from anm_mj.mapping.sampling import counter_uniform
 
 NUM_OCTAVES = 6
 POSITION_SCALE = 0.0594
@@ -175,26 +175,18 @@ class MlpBackend(TensorBackend):
         depth = (sdf_to_weight(s, z, self.config.field.truncation_m) * z).sum(dim=1)
         return np.full((len(z_m), 3), GREY, np.float32), depth.cpu().numpy()
 
-    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+    def parameters(self) -> Parameters:
         """Copies of all weights by name, in the order of the layers."""
         return {n: w.detach().cpu().numpy().copy() for n, w in zip(_names(), self._weights, strict=True)}
 
     @torch.no_grad()
-    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+    def set_parameters(self, parameters: Parameters) -> None:
         """Take over weights by name and start the optimiser afresh; see the base class."""
         weights = dict(zip(_names(), self._weights, strict=True))
-        check_state(state, {name: tuple(weight.shape) for name, weight in weights.items()})
+        check_shapes(parameters, {name: tuple(weight.shape) for name, weight in weights.items()})
         for name, weight in weights.items():
-            weight.copy_(torch.from_numpy(state[name]))
+            weight.copy_(torch.from_numpy(parameters[name]))
         self._optimizer = Adam(self.config.optimizer, [], self._weights)
-
-    def get_optimizer(self) -> dict[str, np.ndarray]:
-        """Adam's moments and steps; see the base class."""
-        return self._optimizer.get_state()
-
-    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_optimizer` gave; see the base class."""
-        self._optimizer.set_state(state)
 
     def _last_input(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n width"]:
         layers = _Layers()

@@ -6,40 +6,33 @@ the same bytes for any number of threads, but not for other instruction sets, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj import _native
-from anm_mj.errors import CheckpointError, MapError
+from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
-from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors
-from anm_mj.mapping.parameters import (
+from anm_mj.mapping.backends.backend import MapperBackend, Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
+from anm_mj.mapping.backends.grid_layout import bins_per_m, cells_per_m, index_factors
+from anm_mj.mapping.backends.parameters import (
     DECODER_NAMES,
-    check_state,
+    check_shapes,
     decoder_shapes,
     initial_parameters,
     parameter_shapes,
     split_flat,
 )
+from anm_mj.mapping.backends.spaced_depths import spaced_depths
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.spaced_depths import spaced_depths
-from anm_mj.utils.cores import tell_lent
-from anm_mj.utils.native_functions import native_function
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
 
 _MOMENTS = ("table_m", "table_v", "table_touched", "decoders_m", "decoders_v")
-
-
-# An engine that was built before it could do this keeps all its threads.
-if (_lend_cores := native_function("lend_cores")) is not None:
-    tell_lent(_lend_cores)
 
 
 class NativeBackend(MapperBackend):
@@ -54,7 +47,7 @@ class NativeBackend(MapperBackend):
         seed: int,
         num_threads: int | None = None,
         kernel: str = "",
-        state: dict[str, Float32[np.ndarray, "..."]] | None = None,
+        parameters: Parameters | None = None,
     ) -> None:
         """Start from given parameters, or from those that ``seed`` gives.
 
@@ -63,8 +56,8 @@ class NativeBackend(MapperBackend):
             seed: What the start values are drawn from.
             num_threads: Threads to compute with; None for OMP_NUM_THREADS, or one per core that
                 the process may use.
-            kernel: Instruction set to use, as in :func:`kernel_names`; empty for the best of this processor.
-            state: Parameters by name to start from; None = the start values.
+            kernel: Instruction set to use, one of ``_native.kernel_names()``; empty for the best of this processor.
+            parameters: To start from; None = the start values.
 
         Raises:
             MapError: If a layer or a ray's samples are too many for the engine.
@@ -93,40 +86,19 @@ class NativeBackend(MapperBackend):
         self.kernel: str = self._engine.kernel
         """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
         self.name = f"native-{self.kernel}"
-        self.set_state(initial_parameters(field, seed) if state is None else state)
+        self.set_parameters(initial_parameters(field, seed) if parameters is None else parameters)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the base class."""
         return StepLosses(*self._engine.step(*_ray_arrays(rays), seed & 0xFFFFFFFF, _optional(smoothness_corner_m)))
 
     def steps(
-        self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
+        self, batches: Sequence[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
         """Several iterations, whose phases overlap; see the base class."""
-        if not can_overlap():
-            return super().steps(batches, draws)
         arrays = [_ray_arrays(rays) for rays in batches]
         seeds, corners = [seed & 0xFFFFFFFF for seed, _ in draws], [_optional(corner_m) for _, corner_m in draws]
         return [StepLosses(*losses) for losses in self._engine.steps(arrays, seeds, corners)]
-
-    def sample_depths(self, depth_m: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
-        """The planar depths [m] that :meth:`step` samples rays of these measured depths at."""
-        return self._engine.sample(_floats(depth_m), seed & 0xFFFFFFFF)
-
-    def gradients(
-        self,
-        rays: RayBatch,
-        z_m: Float[np.ndarray, "n samples"],
-        smoothness_corner_m: Float[np.ndarray, "3"] | None = None,
-    ) -> tuple[StepLosses, dict[str, Float32[np.ndarray, "..."]]]:
-        """Losses at given sample depths [m] and their gradients by parameter name; nothing is trained.
-
-        The decoders' weight decay, which is the optimiser's, is not in them.
-        """
-        losses, table, decoders = self._engine.gradients(
-            *_ray_arrays(rays), _floats(z_m), _optional(smoothness_corner_m)
-        )
-        return StepLosses(*losses), {"table": table, **self._split(decoders)}
 
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """The SDF s at world points, in fractions of the truncation; see the base class."""
@@ -160,8 +132,6 @@ class NativeBackend(MapperBackend):
         self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
     ) -> NormalEquations:
         """Normal equations of a frame at a camera pose (``native/frame_to_field.h``); see the base class."""
-        if not hasattr(self._engine, "align"):
-            raise MapError("The native engine was built by an older version and cannot localise; run make setup.")
         sums, distance_m = self._engine.align(
             points.camera_m,
             points.rgb,
@@ -178,27 +148,30 @@ class NativeBackend(MapperBackend):
         )
         return NormalEquations(*sums, distance_m)
 
-    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+    def parameters(self) -> Parameters:
         """Copies of all parameters by name."""
         table, decoders = self._engine.get_state()
         return {"table": table, **self._split(decoders)}
 
-    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+    def set_parameters(self, parameters: Parameters) -> None:
         """Take over parameters by name and start the optimiser afresh; see the base class."""
-        check_state(state, parameter_shapes(self.config.field))
-        decoders = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
-        self._engine.set_state(_floats(state["table"]), _floats(decoders))
+        check_shapes(parameters, parameter_shapes(self.config.field))
+        decoders = np.concatenate([parameters[name].ravel() for name in DECODER_NAMES])
+        self._engine.set_state(_floats(parameters["table"]), _floats(decoders))
 
-    def get_optimizer(self) -> dict[str, np.ndarray]:
-        """Moments of table and decoders, lines of the table that ever had a gradient, and iterations so far."""
-        if not hasattr(self._engine, "get_optimizer"):
-            raise CheckpointError("The native engine was built by an older version; run make setup.")
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Parameters, moments, lines of the table that ever had a gradient, and iterations so far."""
         *moments, iteration = self._engine.get_optimizer()
-        return {**dict(zip(_MOMENTS, moments, strict=True)), "iteration": np.array(iteration)}
+        return {
+            **self.parameters(),
+            **dict(zip(_MOMENTS, moments, strict=True)),
+            "iteration": np.array(iteration),
+        }
 
-    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_optimizer` gave; see the base class."""
-        check_state(state, {name: array.shape for name, array in self.get_optimizer().items()})
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_state` gave; see the base class."""
+        self.set_parameters(state)
+        check_shapes(state, {name: array.shape for name, array in self.get_state().items()})
         table_m, table_v, touched, decoders_m, decoders_v = (state[name] for name in _MOMENTS)
         self._engine.set_optimizer(
             _floats(table_m),
@@ -212,25 +185,6 @@ class NativeBackend(MapperBackend):
     def _split(self, decoders: Float32[np.ndarray, " weights"]) -> dict[str, Float32[np.ndarray, "rows cols"]]:
         parts = split_flat(decoders, decoder_shapes(self.config.field))
         return {name: part.copy() for name, part in parts.items()}
-
-
-def kernel_names() -> list[str]:
-    """Instruction sets that both the engine and this processor know, best first."""
-    return _native.kernel_names()
-
-
-def roofline(table_bytes: int, kernel: str = "") -> dict[str, float]:
-    """Limits of one core of this machine, measured in about a second of its time.
-
-    Args:
-        table_bytes: Size of the table that is read and updated at random; one level's, 512 KiB by default.
-        kernel: As for :class:`NativeBackend`.
-
-    Returns:
-        "fma_gflops": multiply-adds on registers; "load_ns" and "update_ns": per random pair of floats read and
-        accumulated, or read, changed and written; "stream_gb_per_s": reading and writing 28 MiB in order.
-    """
-    return _native.roofline(table_bytes, kernel)
 
 
 def _settings(config: MappingConfig) -> _native.Settings:
@@ -272,11 +226,6 @@ def _floats(array: Float[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
 
 def _optional(array: Float[np.ndarray, "..."] | None) -> Float32[np.ndarray, "..."] | None:
     return None if array is None else _floats(array)
-
-
-def can_overlap() -> bool:
-    """Whether the engine overlaps iterations; one that was built before it could does one after another."""
-    return hasattr(_native.Engine, "steps")
 
 
 def _ray_arrays(rays: RayBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -8,25 +8,25 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from anm_mj.mapping.backends.adam import Adam
-from anm_mj.mapping.backends.backend import StepLosses
-from anm_mj.mapping.backends.tensor_backend import HashGridBackend
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import NeuralField, decode_color, decode_sdf
-from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
-from anm_mj.mapping.parameters import DECODER_NAMES, check_state, decoder_shapes, parameter_shapes, split_flat
+from anm_mj.mapping.backends.backend import Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
+from anm_mj.mapping.backends.parameters import check_shapes, decoder_shapes, parameter_shapes, split_flat
+from anm_mj.mapping.backends.tensor_backend import TensorBackend
+from anm_mj.mapping.backends.torch_field import TorchField, decode_color, decode_sdf, sdf_hidden, sensitivity
+from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_sampling import sample_depths, valid_depth
+from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import composite, sdf_to_weight
-from anm_mj.mapping.sampling import sample_depths, valid_depth
 
 
-class TorchBackend(HashGridBackend):
+class TorchBackend(TensorBackend):
     """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` with autograd."""
 
     name = "torch"
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
         super().__init__(config, device)
-        self.field = NeuralField(config.field, seed, self._device)
+        self.field = TorchField(config.field, seed, self._device)
         self._optimizer = self._make_optimizer()
 
     def _make_optimizer(self) -> Adam:
@@ -69,6 +69,44 @@ class TorchBackend(HashGridBackend):
         return self._ask(points_m, lambda points: self.field.decode_sdf(*self.field.encode(points))[:, 0])
 
     @torch.no_grad()
+    def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Colours in [0, 1] at world points; see the base class."""
+        return self._ask(points_m, lambda points: self._decode(points)[1], 3)
+
+    @torch.no_grad()
+    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
+        """The SDF decoder's hidden layer at world points; see the base class."""
+        weights = self.field.decoders["sdf_hidden"]
+        return self._ask(points_m, lambda points: sdf_hidden(weights, *self.field.encode(points)), len(weights))
+
+    @torch.no_grad()
+    def query_sensitivity(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """Squared gradient norms by all decoder weights; see the base class."""
+        decoders = list(self.field.decoders.values())
+        both = self._ask(
+            points_m, lambda points: torch.stack(sensitivity(decoders, *self.field.encode(points)), dim=1), 2
+        )
+        return both[:, 0].copy(), both[:, 1].copy()
+
+    @torch.no_grad()
+    def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
+        """Rendered colour and planar depth of rays; see the base class."""
+        rgb_out = np.empty((len(z_m), 3), np.float32)
+        depth_out = np.empty(len(z_m), np.float32)
+        chunk = max(1, self._chunk // z_m.shape[1])
+        for start in range(0, len(z_m), chunk):
+            rows = slice(start, start + chunk)
+            z = self._tensor(z_m[rows])
+            points = self._tensor(origin_m[rows])[:, None] + self._tensor(direction[rows])[:, None] * z[:, :, None]
+            s, rgb = self._decode(points.view(-1, 3))
+            weights = sdf_to_weight(s.view(z.shape), z, self.config.field.truncation_m)
+            rgb_out[rows] = composite(weights, rgb.reshape(*z.shape, 3)).cpu().numpy()
+            depth_out[rows] = (weights * z).sum(dim=1).cpu().numpy()
+        return rgb_out, depth_out
+
+    @torch.no_grad()
     def query_perturbed(
         self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
     ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
@@ -84,41 +122,26 @@ class TorchBackend(HashGridBackend):
                 rgb_out[k, rows] = decode_color(in_color, out_color, blob, outputs[:, 1:]).cpu().numpy()
         return s_out, rgb_out
 
-    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+    def parameters(self) -> Parameters:
         """Copies of all parameters by name."""
-        state = {"table": np.stack([plane.detach().cpu().numpy() for plane in self.field.planes], axis=1)}
-        for name in DECODER_NAMES:
-            state[name] = self.field.decoders[name].detach().cpu().numpy().copy()
-        return state
+        table = np.stack([plane.detach().cpu().numpy() for plane in self.field.planes], axis=1)
+        decoders = {name: weight.detach().cpu().numpy().copy() for name, weight in self.field.decoders.items()}
+        return {"table": table, **decoders}
 
     @torch.no_grad()
-    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+    def set_parameters(self, parameters: Parameters) -> None:
         """Take over parameters by name and start the optimiser afresh; see the base class."""
-        check_state(state, parameter_shapes(self.config.field))
-        for plane, column in zip(self.field.planes, state["table"].T, strict=True):
+        check_shapes(parameters, parameter_shapes(self.config.field))
+        for plane, column in zip(self.field.planes, parameters["table"].T, strict=True):
             plane.copy_(torch.from_numpy(column.copy()))
-        for name in DECODER_NAMES:
-            self.field.decoders[name].copy_(torch.from_numpy(state[name]))
+        for name, weight in self.field.decoders.items():
+            weight.copy_(torch.from_numpy(parameters[name]))
         self._optimizer = self._make_optimizer()
-
-    def get_optimizer(self) -> dict[str, np.ndarray]:
-        """Adam's moments and steps; see the base class."""
-        return self._optimizer.get_state()
-
-    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_optimizer` gave; see the base class."""
-        self._optimizer.set_state(state)
-
-    def _encode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
-        return self.field.encode(points)
 
     def _decode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n 3"]]:
         features, blob = self.field.encode(points)
         outputs = self.field.decode_sdf(features, blob)
         return outputs[:, 0], self.field.decode_color(blob, outputs[:, 1:])
-
-    def _decoders(self) -> list[Float[Tensor, "_ _"]]:
-        return list(self.field.decoders.values())
 
     def _split_decoders(self, weights: Float32[np.ndarray, " weights"]) -> list[Tensor]:
         return [self._tensor(part) for part in split_flat(weights, decoder_shapes(self.config.field)).values()]

@@ -7,14 +7,11 @@ from typing import Generic, TypeVar
 
 from anm_mj.errors import PlanError
 from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.goals import DEFAULT_GOAL
 from anm_mj.types import Footprint
 from anm_mj.utils.settings import check_settings
 
 SettingsT = TypeVar("SettingsT")
-
-GOALS = ("coverage", "reconstruction", "both")
-"""What a run is for: to see all surface; to know it well; first the one, then the other."""
-DEFAULT_GOAL = "both"
 
 
 @dataclass(frozen=True)

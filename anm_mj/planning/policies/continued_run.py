@@ -59,7 +59,7 @@ class LookingAround:
             return plan
         turns = FieldOfView.of(observation).turns_for_panorama
         reason = f"a look around, because the former run left nothing to explore ({plan.reason})"
-        return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * turns)
+        return Plan(reason, actions=(Action.TURN_LEFT,) * turns)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Pass a collision on."""

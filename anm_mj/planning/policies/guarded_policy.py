@@ -57,7 +57,7 @@ class GuardedPolicy:
                 return plan
             self._note(f"returned a plan at step {observation.step} that cannot be executed: {wrong}")
         assert self._fault is not None
-        return Plan(self._fault, np.zeros((0, 2)), stop=StopReason.POLICY_ERROR)
+        return Plan(self._fault, stop=StopReason.POLICY_ERROR)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Pass on a collision; a fault shows at the next decision."""
@@ -93,12 +93,7 @@ def describe_error(err: BaseException) -> str:
 
 
 def plan_fault(plan: Any, pose: Pose2) -> str | None:
-    """What is wrong with something that a policy returned; None if it is a plan that can be executed.
-
-    Args:
-        plan: what was returned.
-        pose: where the robot stands.
-    """
+    """What is wrong with something that a policy returned; None if it is a plan that can be executed from a pose."""
     if not isinstance(plan, Plan):
         return f"it is {'nothing' if plan is None else f'of type {type(plan).__name__}'}, not an anm_mj.types.Plan"
     if not isinstance(plan.reason, str):

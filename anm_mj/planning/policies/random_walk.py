@@ -25,7 +25,7 @@ class RandomWalk:
         """One random action."""
         del mapper, observation  # A random walk does not look.
         action = MOVES[self._rng.integers(len(MOVES))]
-        return Plan(f"random draw: {action.name}", np.zeros((0, 2)), actions=(action,))
+        return Plan(f"random draw: {action.name}", actions=(action,))
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Learn nothing from an obstacle."""

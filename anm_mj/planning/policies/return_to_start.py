@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -20,19 +21,18 @@ from anm_mj.utils.stopwatch import Stopwatch
 HALF_TURN = round(math.pi / TURN_STEP_RAD)
 """Turns that reverse the heading."""
 SLOWER, SPARE_STEPS = 1.25, 12
-"""A way back takes this factor more steps than its length says, and these: turns on the way, detours."""
+"""The return takes this factor more steps than its length says, and these: turns on the path, detours."""
 NEAR_START_M = 1.0
-"""Nearer to the start than this, the direction of the way back changes quickly [m]."""
+"""Nearer to the start than this, the direction of the return changes quickly [m]."""
 REPLAN_STEPS = 25
-"""The way back is planned anew after this many steps."""
+"""The return is planned again after this many steps."""
 ALIGNED_RAD = 0.56 * TURN_STEP_RAD
 """The robot looks where it looked at the start when it is off by no more than this [rad]; no turn brings it nearer."""
 ENDS = (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET)
 """After these ends of the exploration the robot drives back; after all others it stops where it is."""
 
 
-@dataclass(frozen=True)
-class _WayBack:
+class _Return(NamedTuple):
     """A path to the start, or as near to it as the map allows."""
 
     path_xy_m: Float[np.ndarray, "k 2"]
@@ -40,18 +40,11 @@ class _WayBack:
     arrives: bool
 
 
-class Returning:
+class ReturnToStart:
     """A policy that ends at its start: it drives back when the exploration is over, or in time for the budget."""
 
     def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int) -> None:
-        """Wrap a policy.
-
-        Args:
-            policy: it explores.
-            config: settings of the planning stages.
-            footprint: the robot's body.
-            num_steps: budget of discrete actions.
-        """
+        """Wrap a policy that explores; the budget is ``num_steps`` discrete actions."""
         self._policy = policy
         self._stages = Stages(config, footprint)
         self._clearances_m = self._stages.safe_m, footprint.radius_m, 0.5 * footprint.radius_m
@@ -63,7 +56,7 @@ class Returning:
 
     @property
     def explored_steps(self) -> int | None:
-        """Steps before the way back; None as long as the robot explores."""
+        """Steps before the return; None as long as the robot explores."""
         return None if self._end is None else self._end_step
 
     def observe(self, observation: Observation) -> None:
@@ -73,16 +66,19 @@ class Returning:
         self._policy.observe(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The policy's decision as long as the way back leaves steps for it, then the way back."""
+        """The policy's decision as long as the return leaves steps for it, then the return."""
         if self._end is not None:
             return self._go_back(mapper, observation, self._end)
         spare = self._spare_steps(mapper, observation)
-        if spare < 1:
-            reason = f"exploring ends at step {observation.step} of {self._num_steps}, in time for the way back"
-            return self._turn_back(mapper, observation, Plan(reason, np.zeros((0, 2)), stop=StopReason.RETURNED))
-        plan = self._policy.plan(mapper, observation)
-        if plan.stop in ENDS:
-            return self._turn_back(mapper, observation, plan)
+        in_time = spare < 1
+        if in_time:
+            reason = f"exploring ends at step {observation.step} of {self._num_steps}, in time for the return"
+            plan = Plan(reason, stop=StopReason.RETURNED)
+        else:
+            plan = self._policy.plan(mapper, observation)
+        if in_time or plan.stop in ENDS:
+            self._end, self._end_step = plan, observation.step
+            return self._go_back(mapper, observation, plan)
         if plan.stop is not None:
             return plan
         most_steps = math.floor(spare)
@@ -96,62 +92,57 @@ class Returning:
         if self._end is None:
             self._policy.on_collision(pose, action)
 
-    def _turn_back(self, mapper: Mapper, observation: Observation, end: Plan) -> Plan:
-        self._end, self._end_step = end, observation.step
-        return self._go_back(mapper, observation, end)
-
     def _go_back(self, mapper: Mapper, observation: Observation, end: Plan) -> Plan:
-        """The next part of the way back, or the end."""
+        """The next part of the return, or the end."""
         assert self._start is not None, "observe comes first"
         pose = observation.pose
-        taken = observation.step - self._end_step
-        if math.dist(pose.xy_m, self._start.xy_m) < ARRIVED_M:
+        away_m = math.dist(pose.xy_m, self._start.xy_m)
+        if away_m < ARRIVED_M:
             if abs(wrap_angle(self._start.yaw_rad - pose.yaw_rad)) > ALIGNED_RAD:
-                return Plan("way back: the heading of the start", np.zeros((0, 2)), (self._start.yaw_rad,))
+                return Plan("return: the heading of the start", headings_rad=(self._start.yaw_rad,))
+            taken = observation.step - self._end_step
             return replace(end, reason=f"{end.reason}; back at the start after {taken} steps")
-        way = self._way_back(mapper, observation)
-        if not len(way.path_xy_m):
-            away_m = math.dist(pose.xy_m, self._start.xy_m)
+        path, steps, arrives = self._return(mapper, observation)
+        if not len(path):
             stop = StopReason.NO_REACHABLE_TARGET if end.stop is StopReason.RETURNED else end.stop
-            return replace(end, reason=f"{end.reason}; no way leads back to the start, {away_m:.1f} m away", stop=stop)
-        reason = (
-            f"way back: {way.steps:.0f} steps to {'the start' if way.arrives else 'the nearest place to the start'}"
-        )
-        return Plan(reason, way.path_xy_m, valid_steps=REPLAN_STEPS)
+            reason = f"{end.reason}; no path leads back to the start, {away_m:.1f} m away"
+            return replace(end, reason=reason, stop=stop)
+        where = "the start" if arrives else "the nearest place to the start"
+        return Plan(f"return: {steps:.0f} steps to {where}", path, valid_steps=REPLAN_STEPS)
 
     def _spare_steps(self, mapper: Mapper, observation: Observation) -> float:
-        """Steps that the robot may still take before it has to think of the way back again."""
+        """Steps that the robot may still take before it has to think of the return again."""
         assert self._start is not None, "observe comes first"
         left = self._num_steps - observation.step - SPARE_STEPS
         # Nobody needs more steps to go back than to come here, with a turn at both ends.
         spare = (left - SLOWER * (observation.step + 2 * HALF_TURN)) / (1.0 + SLOWER)
         if spare >= REPLAN_STEPS:
             return spare
-        way_steps = self._way_back(mapper, observation).steps
+        back_steps = self._return(mapper, observation).steps
         if math.dist(observation.pose.xy_m, self._start.xy_m) < NEAR_START_M:
             # One step away from here may take a turn at both ends.
-            return (left - SLOWER * (way_steps + 2 * HALF_TURN)) / (1.0 + SLOWER)
-        # Each step away costs another one on the way back, or a turn, or a bit of both.
-        return (left - SLOWER * way_steps) / (1.0 + 1.5 * SLOWER)
+            return (left - SLOWER * (back_steps + 2 * HALF_TURN)) / (1.0 + SLOWER)
+        # Each step away costs another one on the return, or a turn, or a bit of both.
+        return (left - SLOWER * back_steps) / (1.0 + 1.5 * SLOWER)
 
-    def _way_back(self, mapper: Mapper, observation: Observation) -> _WayBack:
+    def _return(self, mapper: Mapper, observation: Observation) -> _Return:
         """The shortest path to the start, with less clearance where there is none with enough."""
         assert self._start is not None, "observe comes first"
         start, pose = self._start, observation.pose
         topdown, _ = self._stages.update_map(mapper, observation, Stopwatch())
         if math.dist(pose.xy_m, start.xy_m) < ARRIVED_M:
             turns = abs(wrap_angle(start.yaw_rad - pose.yaw_rad)) / TURN_STEP_RAD
-            return _WayBack(np.zeros((0, 2)), turns, arrives=True)
+            return _Return(np.zeros((0, 2)), turns, arrives=True)
         routes = GridRoutes(topdown, pose, self._clearances_m[0])
-        for safe_m in (*self._clearances_m[1:], None):
-            if math.isfinite(routes.cost_at(start.xy_m)):
-                path = routes.path_to(start.xy_m)
-                path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
-                return _WayBack(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
-            if safe_m is not None:
+        for safe_m in self._clearances_m[1:]:
+            if not math.isfinite(routes.cost_at(start.xy_m)):
                 routes = GridRoutes(topdown, pose, safe_m)
+        if math.isfinite(routes.cost_at(start.xy_m)):
+            path = routes.path_to(start.xy_m)
+            path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
+            return _Return(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
         nearest = routes.nearest(start.xy_m)
         if math.dist(nearest, pose.xy_m) < 2 * ARRIVED_M:
-            return _WayBack(np.zeros((0, 2)), 0.0, arrives=False)
+            return _Return(np.zeros((0, 2)), 0.0, arrives=False)
         path = routes.path_to(nearest)
-        return _WayBack(path, path_steps(path, pose.yaw_rad), arrives=False)
+        return _Return(path, path_steps(path, pose.yaw_rad), arrives=False)

@@ -15,12 +15,7 @@ class ScanPolicy:
     """Base of policies that decide on a :class:`~anm_mj.planning.scan_grid.ScanGrid`."""
 
     def __init__(self, context: PolicyContext, range_m: float):
-        """Start with an empty grid.
-
-        Args:
-            context: what the policy is made from.
-            range_m: depth beyond this is left out of the grid [m].
-        """
+        """Start with an empty grid; depth beyond ``range_m`` is left out of it."""
         self.grid = ScanGrid(context.footprint, range_m)
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._slack_m = RESOLUTION_M / 2
@@ -36,7 +31,7 @@ class ScanPolicy:
         if log_odds is not None and origin is not None:
             self.grid.continue_from(log_odds, origin)
         else:
-            self.grid.read_occupancy(mapper.occupancy, former.poses)
+            self.grid.read_occupancy(mapper.occupancy_grid(), former.poses)
         for x, y, yaw in former.refused:
             self.grid.block_ahead(Pose2(x, y, yaw))
 

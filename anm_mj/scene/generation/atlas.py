@@ -7,14 +7,12 @@ that bilinear filtering shows exactly what was painted. One texel of margin keep
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
-from anm_mj.scene.generation.light import to_linear, to_srgb
-from anm_mj.scene.generation.quads import Material, Quads
-from anm_mj.scene.generation.voxel_light import VoxelLighting
+from anm_mj.scene.generation.quads import Quads
+from anm_mj.scene.generation.voxel_light import VoxelLighting, to_linear, to_srgb
 from anm_mj.scene.submesh import Submesh
 
 _MARGIN_PX = 1
@@ -23,6 +21,9 @@ _INSET_M = 0.012
 _TEXELS_TOGETHER = 1 << 19
 """Texels that are painted at a time."""
 
+_Pairs = Int64[np.ndarray, "n 2"]
+"""One number along u and one along v for each quad."""
+_Numbers = Float64[np.ndarray, " k"]
 Cut = Float64[np.ndarray, "k 3 2"]
 """Triangles that stand for a quad: corners as shares (s, t) of the quad's sides."""
 
@@ -53,12 +54,18 @@ def paint(
     sizes, light = _light_on(surface, lighting, light_spacing_m)
     numbers = {material: number for number, material in enumerate(dict.fromkeys(surface.materials))}
     number_of = np.array([numbers[material] for material in surface.materials], np.int64)
+    padded_px = size_px + 2 * _MARGIN_PX
+    num_texels = int(padded_px.prod(axis=1).sum())
     # A part at a time: the halls of large buildings have tens of millions of texels.
-    for quad, col, row in _cells(size_px + 2 * _MARGIN_PX, _TEXELS_TOGETHER):
+    for first in range(0, num_texels, _TEXELS_TOGETHER):
+        quad, col, row = _cells(padded_px, first, min(first + _TEXELS_TOGETHER, num_texels))
         s = np.clip((col - _MARGIN_PX) / (size_px[quad, 0] - 1), 0.0, 1.0)
         t = np.clip((row - _MARGIN_PX) / (size_px[quad, 1] - 1), 0.0, 1.0)
-        colour = _pattern(list(numbers), number_of[quad], _bilinear(surface.uv_m[quad], s, t))
-        colour = to_srgb(to_linear(colour) * _between(sizes, light, quad, s, t))
+        colour, uv_m = np.zeros((len(quad), 3)), _bilinear(surface.uv_m[quad], s, t)
+        for material, number in numbers.items():
+            texels = number_of[quad] == number
+            colour[texels] = material.colour(uv_m[texels])
+        colour = to_srgb(to_linear(colour) * _between(sizes, light, quad, s, t)[:, None])
         shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
         image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
     return _submesh(name, surface, corner_px, size_px, image, cuts)
@@ -67,11 +74,11 @@ def paint(
 def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
     """Points all over a surface, no farther apart than the spacing [m]."""
     sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
-    owner, col, row = _all_cells(sizes)
+    owner, col, row = _cells(sizes, 0, int(sizes.prod(axis=1).sum()))
     return _bilinear(surface.corners_m[owner], col / (sizes[owner, 0] - 1), row / (sizes[owner, 1] - 1))
 
 
-def pack(sizes_px: Int64[np.ndarray, "n 2"]) -> tuple[Int64[np.ndarray, "n 2"], tuple[int, int]]:
+def pack(sizes_px: _Pairs) -> tuple[_Pairs, tuple[int, int]]:
     """Where to put rectangles (width, height) so that none overlap, and the width and height of the whole.
 
     Rows of falling height, each filled from the left.
@@ -89,7 +96,7 @@ def pack(sizes_px: Int64[np.ndarray, "n 2"]) -> tuple[Int64[np.ndarray, "n 2"], 
     return corners, (width, y + row_height)
 
 
-def _resolution(surface: Quads, spacing_m: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, "n 2"]:
+def _resolution(surface: Quads, spacing_m: _Numbers) -> _Pairs:
     """Number of samples along u and v, at least two, no farther apart than the spacing."""
     p = surface.corners_m
     u = np.maximum(np.linalg.norm(p[:, 1] - p[:, 0], axis=1), np.linalg.norm(p[:, 2] - p[:, 3], axis=1))
@@ -99,72 +106,41 @@ def _resolution(surface: Quads, spacing_m: Float64[np.ndarray, " n"]) -> Int64[n
 
 
 def _cells(
-    sizes: Int64[np.ndarray, "n 2"], together: int
-) -> Iterator[tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]]:
-    """Rectangle, column and row of every cell of all rectangles, one after the other, so many of them at a time."""
-    counts = sizes.prod(axis=1)
-    ends = np.cumsum(counts)
-    starts = ends - counts
-    for first in range(0, int(ends[-1]) if len(ends) else 0, together):
-        cell = np.arange(first, min(first + together, int(ends[-1])))
-        quad = np.searchsorted(ends, cell, side="right")
-        row, col = np.divmod(cell - starts[quad], sizes[quad, 0])
-        yield quad, col, row
-
-
-def _all_cells(
-    sizes: Int64[np.ndarray, "n 2"],
+    sizes: _Pairs, first: int, last: int
 ) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
-    """All of :func:`_cells` at once."""
-    empty = np.zeros(0, np.int64)
-    return next(_cells(sizes, max(int(sizes.prod(axis=1).sum()), 1)), (empty, empty, empty))
+    """Rectangle, column and row of the cells ``first`` to ``last`` (exclusive) of all rectangles."""
+    ends = np.cumsum(sizes.prod(axis=1))
+    cell = np.arange(first, last)
+    quad = np.searchsorted(ends, cell, side="right")
+    row, col = np.divmod(cell - (ends - sizes.prod(axis=1))[quad], sizes[quad, 0])
+    return quad, col, row
 
 
-def _bilinear(
-    corners: Float64[np.ndarray, "k 4 d"], s: Float64[np.ndarray, " k"], t: Float64[np.ndarray, " k"]
-) -> Float64[np.ndarray, "k d"]:
+def _bilinear(corners: Float64[np.ndarray, "k 4 d"], s: _Numbers, t: _Numbers) -> Float64[np.ndarray, "k d"]:
     """Values between those of four corners."""
     weights = (1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t
     a, b, c, d = (weight[:, None] * corners[:, index] for index, weight in enumerate(weights))
     return a + b + c + d
 
 
-def _pattern(
-    materials: Sequence[Material], number: Int64[np.ndarray, " k"], uv_m: Float64[np.ndarray, "k 2"]
-) -> Float64[np.ndarray, "k 3"]:
-    """The materials' own colours, sRGB, of texels given by the number of their material."""
-    colour = np.zeros((len(number), 3))
-    for index, material in enumerate(materials):
-        texels = number == index
-        colour[texels] = material.colour(uv_m[texels])
-    return colour
-
-
-def _light_on(
-    surface: Quads, lighting: VoxelLighting, spacing_m: float
-) -> tuple[Int64[np.ndarray, "n 2"], Float64[np.ndarray, "k 3"]]:
+def _light_on(surface: Quads, lighting: VoxelLighting, spacing_m: float) -> tuple[_Pairs, _Numbers]:
     """Light on a coarse grid of points on each quad: the sizes of the grids, and the light of all, one by one."""
     sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
-    owner, col, row = _all_cells(sizes)
-    edge_u = np.linalg.norm(surface.corners_m[:, 1] - surface.corners_m[:, 0], axis=1)
-    edge_v = np.linalg.norm(surface.corners_m[:, 3] - surface.corners_m[:, 0], axis=1)
-    inset_u = np.clip(_INSET_M / np.maximum(edge_u, 1e-6), 0.0, 0.3)[owner]
-    inset_v = np.clip(_INSET_M / np.maximum(edge_v, 1e-6), 0.0, 0.3)[owner]
-    u = np.clip(col / (sizes[owner, 0] - 1), inset_u, 1 - inset_u)
-    v = np.clip(row / (sizes[owner, 1] - 1), inset_v, 1 - inset_v)
-    points = _bilinear(surface.corners_m[owner], u, v)
+    owner, col, row = _cells(sizes, 0, int(sizes.prod(axis=1).sum()))
+    shares = []
+    for axis, corner, cell in ((0, 1, col), (1, 3, row)):
+        edge = np.linalg.norm(surface.corners_m[:, corner] - surface.corners_m[:, 0], axis=1)
+        inset = np.clip(_INSET_M / np.maximum(edge, 1e-6), 0.0, 0.3)[owner]
+        shares.append(np.clip(cell / (sizes[owner, axis] - 1), inset, 1 - inset))
+    points = _bilinear(surface.corners_m[owner], *shares)
     light = lighting.falling_on(points, surface.normals[owner])
     light[np.array([material.glows for material in surface.materials])[owner]] = 1.0
     return sizes, light
 
 
 def _between(
-    sizes: Int64[np.ndarray, "n 2"],
-    light: Float64[np.ndarray, "m 3"],
-    quad: Int64[np.ndarray, " k"],
-    s: Float64[np.ndarray, " k"],
-    t: Float64[np.ndarray, " k"],
-) -> Float64[np.ndarray, "k 3"]:
+    sizes: _Pairs, light: Float64[np.ndarray, " m"], quad: Int64[np.ndarray, " k"], s: _Numbers, t: _Numbers
+) -> _Numbers:
     """Light at places on quads, between the points of their grids."""
     first = (np.cumsum(sizes.prod(axis=1)) - sizes.prod(axis=1))[quad]
     width = sizes[quad, 0]
@@ -172,14 +148,14 @@ def _between(
     i, j = np.minimum(x.astype(np.int64), width - 2), np.minimum(y.astype(np.int64), sizes[quad, 1] - 2)
     base = first + j * width + i
     around = np.stack([light[base], light[base + 1], light[base + width + 1], light[base + width]], axis=1)
-    return _bilinear(around, x - i, y - j)
+    return _bilinear(around[:, :, None], x - i, y - j)[:, 0]
 
 
 def _submesh(
     name: str,
     surface: Quads,
-    corner_px: Int64[np.ndarray, "n 2"],
-    size_px: Int64[np.ndarray, "n 2"],
+    corner_px: _Pairs,
+    size_px: _Pairs,
     image: UInt8[np.ndarray, "h w 3"],
     cuts: dict[int, Cut],
 ) -> Submesh:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64
 from shapely.geometry.polygon import orient
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.wall import Hole, Wall
+from anm_mj.scene.generation.wall import Wall, WallArea
 
 _TOUCH_M = 2e-3
 """Walls that run along one another within this distance are the two sides of an opening."""
@@ -68,7 +68,7 @@ class RoomWall:
     """Stretches (start, end, door) of the wall that are open: a door up to its lintel, otherwise up to the ceiling."""
     outer: bool
     """True if no other room lies behind it."""
-    windows: tuple[Hole, ...] = ()
+    windows: tuple[WallArea, ...] = ()
 
     def solid(self, margin_m: float = 0.0) -> list[tuple[float, float]]:
         """Stretches of the wall between its gaps, each gap widened on both sides."""
@@ -106,30 +106,25 @@ class Building:
     @cached_property
     def walls(self) -> tuple[tuple[RoomWall, ...], ...]:
         """The walls of every room, with the gaps that passages and adjoining rooms make."""
-        polygons = [room.floor for room in self.rooms] + [passage.floor for passage in self.passages]
-        left, right, owner = _edges(polygons)
-        floors = np.array([room.floor for room in self.rooms], dtype=object)
+        edges = _Edges([*(room.floor for room in self.rooms), *(passage.floor for passage in self.passages)])
         walls: list[list[RoomWall]] = [[] for _ in self.rooms]
-        outer = _outer(left, right, owner, floors)
-        for k in np.flatnonzero(owner < len(self.rooms)):
-            gaps = _gaps(left[k], right[k], int(owner[k]), left, right, owner, len(self.rooms))
-            wall = Wall((float(left[k, 0]), float(left[k, 1])), (float(right[k, 0]), float(right[k, 1])))
-            walls[owner[k]].append(RoomWall(wall, gaps, bool(outer[k])))
+        outer = edges.outer(np.array([room.floor for room in self.rooms], dtype=object))
+        for k in np.flatnonzero(edges.owner < len(self.rooms)).tolist():
+            gaps = tuple(edges.gaps(k, first_passage=len(self.rooms)))
+            walls[edges.owner[k]].append(RoomWall(_wall(edges.left[k], edges.right[k]), gaps, bool(outer[k])))
         return tuple(tuple(of_room) for of_room in walls)
 
     def jambs(self, passage: Passage) -> list[Wall]:
         """The closed sides of a passage, as seen from inside it."""
-        left, right, owner = _edges([passage.floor, *(room.floor for room in self.rooms)])
+        edges = _Edges([passage.floor, *(room.floor for room in self.rooms)])
         sides = []
-        for k in np.flatnonzero(owner == 0):
-            length = float(np.linalg.norm(right[k] - left[k]))
-            start = 0.0
-            along = (right[k] - left[k]) / length
-            gaps = _gaps(left[k], right[k], 0, left, right, owner, len(owner))
-            for a, b in [*((a, b) for a, b, _ in gaps), (length, length)]:
+        for k in np.flatnonzero(edges.owner == 0).tolist():
+            left, right = edges.left[k], edges.right[k]
+            length, start = float(np.linalg.norm(right - left)), 0.0
+            along = (right - left) / length
+            for a, b in [*((a, b) for a, b, _ in edges.gaps(k, first_passage=len(edges.owner))), (length, length)]:
                 if a - start > _TOUCH_M:
-                    p, q = left[k] + start * along, left[k] + a * along
-                    sides.append(Wall((float(p[0]), float(p[1])), (float(q[0]), float(q[1]))))
+                    sides.append(_wall(left + start * along, left + a * along))
                 start = b
         return sides
 
@@ -146,65 +141,62 @@ def named_rooms(floors: list[shapely.Polygon], room_types: list[str]) -> tuple[P
     return tuple(rooms)
 
 
-def _edges(
-    polygons: list[shapely.Polygon],
-) -> tuple[Float64[np.ndarray, "e 2"], Float64[np.ndarray, "e 2"], np.ndarray]:
-    """Left and right end of every edge as seen from inside its polygon, and the polygon's index."""
-    left, right, owner = [], [], []
-    for index, polygon in enumerate(polygons):
-        # Clockwise about the outside, so that the inside lies to the right.
-        turned = orient(polygon, sign=-1.0)
-        for ring in (turned.exterior, *turned.interiors):
-            points = np.asarray(ring.coords, dtype=np.float64)[:, :2]
-            proper = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
-            left.append(points[:-1][proper])
-            right.append(points[1:][proper])
-            owner.append(np.full(int(proper.sum()), index))
-    return np.concatenate(left), np.concatenate(right), np.concatenate(owner)
+def _wall(left: Float64[np.ndarray, "2"], right: Float64[np.ndarray, "2"]) -> Wall:
+    return Wall((float(left[0]), float(left[1])), (float(right[0]), float(right[1])))
 
 
-def _gaps(
-    p: Float64[np.ndarray, "2"],
-    q: Float64[np.ndarray, "2"],
-    own: int,
-    left: Float64[np.ndarray, "e 2"],
-    right: Float64[np.ndarray, "e 2"],
-    owner: np.ndarray,
-    num_rooms: int,
-) -> tuple[tuple[float, float, bool], ...]:
-    """Stretches of the edge p-q that run along edges of other polygons, in order and apart."""
-    length = float(np.linalg.norm(q - p))
-    along = (q - p) / length
-    normal = np.array([along[1], -along[0]])
-    near = (np.abs((left - p) @ normal) < _TOUCH_M) & (np.abs((right - p) @ normal) < _TOUCH_M) & (owner != own)
-    # An edge of another polygon that adjoins this one runs the other way.
-    a, b = (right[near] - p) @ along, (left[near] - p) @ along
-    found = [
-        (max(float(start), 0.0), min(float(end), length), bool(other >= num_rooms))
-        for start, end, other in zip(a, b, owner[near], strict=True)
-        if min(end, length) - max(start, 0.0) > _TOUCH_M
-    ]
-    gaps: list[tuple[float, float, bool]] = []
-    for start, end, door in sorted(found):
-        if gaps and start - gaps[-1][1] < _TOUCH_M and gaps[-1][2] == door:
-            gaps[-1] = (gaps[-1][0], max(end, gaps[-1][1]), door)
-        else:
-            gaps.append((start, end, door))
-    return tuple(gaps)
+class _Edges:
+    """The edges of polygons."""
 
+    def __init__(self, polygons: list[shapely.Polygon]) -> None:
+        left, right, owner = [], [], []
+        for index, polygon in enumerate(polygons):
+            # Clockwise about the outside, so that the inside lies to the right.
+            turned = orient(polygon, sign=-1.0)
+            for ring in (turned.exterior, *turned.interiors):
+                points = np.asarray(ring.coords, dtype=np.float64)[:, :2]
+                proper = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
+                left.append(points[:-1][proper])
+                right.append(points[1:][proper])
+                owner.append(np.full(int(proper.sum()), index))
+        self.left, self.right = np.concatenate(left), np.concatenate(right)
+        """Ends as seen from inside the polygon [m]."""
+        self.owner = np.concatenate(owner)
+        """Index of the polygon."""
 
-def _outer(
-    left: Float64[np.ndarray, "e 2"], right: Float64[np.ndarray, "e 2"], owner: np.ndarray, floors: np.ndarray
-) -> Bool[np.ndarray, " e"]:
-    """True for edges with no other room behind them."""
-    along = right - left
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    outward = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    tree = shapely.STRtree(floors)
-    inner = np.zeros(len(left), dtype=bool)
-    for distance_m in _OUTSIDE_M:
-        for share in (0.1, 0.5, 0.9):
-            points = shapely.points(left + share * (right - left) + distance_m * outward)
-            hit, room = tree.query(points, predicate="within")
-            inner[hit[room != owner[hit]]] = True
-    return ~inner
+    def gaps(self, k: int, first_passage: int) -> list[tuple[float, float, bool]]:
+        """Stretches of an edge that run along edges of other polygons, in order and apart; True for passages."""
+        p, q = self.left[k], self.right[k]
+        length = float(np.linalg.norm(q - p))
+        along = (q - p) / length
+        normal = np.array([along[1], -along[0]])
+        near = (np.abs((self.left - p) @ normal) < _TOUCH_M) & (np.abs((self.right - p) @ normal) < _TOUCH_M)
+        near &= self.owner != self.owner[k]
+        # An edge of another polygon that adjoins this one runs the other way.
+        a, b = (self.right[near] - p) @ along, (self.left[near] - p) @ along
+        found = [
+            (max(float(start), 0.0), min(float(end), length), bool(other >= first_passage))
+            for start, end, other in zip(a, b, self.owner[near], strict=True)
+            if min(end, length) - max(start, 0.0) > _TOUCH_M
+        ]
+        gaps: list[tuple[float, float, bool]] = []
+        for start, end, door in sorted(found):
+            if gaps and start - gaps[-1][1] < _TOUCH_M and gaps[-1][2] == door:
+                gaps[-1] = (gaps[-1][0], max(end, gaps[-1][1]), door)
+            else:
+                gaps.append((start, end, door))
+        return gaps
+
+    def outer(self, floors: np.ndarray) -> Bool[np.ndarray, " e"]:
+        """True for edges with no other room behind them."""
+        span = self.right - self.left
+        along = span / np.linalg.norm(span, axis=1, keepdims=True)
+        outward = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        tree = shapely.STRtree(floors)
+        inner = np.zeros(len(span), dtype=bool)
+        for distance_m in _OUTSIDE_M:
+            for share in (0.1, 0.5, 0.9):
+                points = shapely.points(self.left + share * span + distance_m * outward)
+                hit, room = tree.query(points, predicate="within")
+                inner[hit[room != self.owner[hit]]] = True
+        return ~inner

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from anm_mj.scene.generation.placement import RoomSpace
 from anm_mj.scene.generation.room_style import RoomStyle, draw_style
 from anm_mj.scene.generation.room_templates import pieces_for
 from anm_mj.scene.generation.traversability import RoomGrid
-from anm_mj.scene.generation.windows import with_given_windows, with_windows
+from anm_mj.scene.generation.windows import given_windows, random_windows
 
 _CURTAINED = ("living", "bedroom", "child", "dining", "library", "lounge")
 
@@ -40,9 +41,8 @@ def furnish(
         bare: Indices of rooms that stay empty.
         furniture: False to put nothing anywhere.
     """
-    return [
-        _furnish_room(building, index, seed, furniture and index not in bare) for index in range(len(building.rooms))
-    ]
+    indices = range(len(building.rooms))
+    return [_furnish_room(building, index, seed, furniture and index not in bare) for index in indices]
 
 
 def _furnish_room(building: Building, index: int, seed: int, furniture: bool) -> FurnishedRoom:
@@ -50,11 +50,15 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     # Materials have a generator of their own, so that an emptied room looks the same.
     style = draw_style(room.room_type, np.random.default_rng([seed, index, 1]))
     rng = np.random.default_rng([seed, index, 2])
-    bare_walls = building.walls[index]
-    if building.windows is None:
-        walls = with_windows(bare_walls, room.room_type, building.ceiling_m, rng)
-    else:
-        walls = with_given_windows(bare_walls, building.windows)
+    walls = tuple(
+        replace(
+            wall,
+            windows=random_windows(wall, room.room_type, building.ceiling_m, rng)
+            if building.windows is None
+            else given_windows(wall, building.windows),
+        )
+        for wall in building.walls[index]
+    )
     grid = RoomGrid(room.floor, walls)
     if not furniture:
         return FurnishedRoom(room, walls, style, (), grid)
@@ -66,13 +70,12 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     for _ in range(max(1, min(4, round(area_m2 / 45.0)))):
         for alternatives in pieces_for(room_type, area_m2, style, rng):
             # Once one fits, no smaller one is tried.
-            put = next((put for piece in alternatives if (put := space.put(piece)) is not None), None)
-            placed += [put] if put is not None else []
+            placed += islice(filter(None, map(space.put, alternatives)), 1)
     if room.room_type in _CURTAINED and rng.random() < 0.7:
         for wall in walls:
             for window in wall.windows:
                 put = space.curtain(curtains(style, rng, window.end_m - window.start_m), wall, window)
-                placed += [put] if put is not None else []
+                placed += filter(None, [put])
     return FurnishedRoom(room, walls, style, tuple(_traversable(grid, placed)), grid)
 
 

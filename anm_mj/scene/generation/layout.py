@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.building import Building, Passage, PlanRoom, named_rooms
+from anm_mj.scene.generation.building import Building, Passage, named_rooms
 from anm_mj.scene.generation.room_arrangement import Cell, cluster, wings
 from anm_mj.scene.generation.room_types import ROOM_TYPES, choose_room_types
 
@@ -55,7 +55,7 @@ def plan_building(rooms: int, seed: int, kind: BuildingKind = "apartment") -> Bu
 
 
 def _attempt(num: int, kind: BuildingKind, rng: np.random.Generator) -> Building | None:
-    """One try; None if two rooms that should be joined share too short a wall."""
+    """A building; None if two rooms that should be joined share too short a wall."""
     room_types = choose_room_types(num, kind, rng)
     clustered = num < 4 or (num <= 8 and rng.random() < (0.45 if kind == "apartment" else 0.25))
     cells = cluster(room_types, rng) if clustered else wings(num, kind, room_types, rng)
@@ -71,26 +71,20 @@ def _attempt(num: int, kind: BuildingKind, rng: np.random.Generator) -> Building
     if num >= 5 and not loops:
         return None
     passages = tuple(_passage(cells, pair, pairs[pair], rng) for pair in sorted([*joined, *loops]))
-    return Building(_rooms(cells), passages, kind)
-
-
-def _rooms(cells: list[Cell]) -> tuple[PlanRoom, ...]:
-    """The cells' clear floors."""
     half = WALL_M / 2
-    floors = [
-        shapely.box(cell.low_m[0] + half, cell.low_m[1] + half, cell.high_m[0] - half, cell.high_m[1] - half)
-        for cell in cells
-    ]
-    return named_rooms(floors, [cell.room_type for cell in cells])
+    bounds = [(cell.low_m, cell.high_m) for cell in cells]
+    floors = [shapely.box(x0 + half, y0 + half, x1 - half, y1 - half) for (x0, y0), (x1, y1) in bounds]
+    return Building(named_rooms(floors, [cell.room_type for cell in cells]), passages, kind)
 
 
+_Pair = tuple[int, int]
 _Shared = tuple[int, float, tuple[float, float], float]
 """Axis that a shared wall runs along, its place on the other axis, the stretch both rooms share, reluctance."""
 
 
-def _adjacent(cells: list[Cell]) -> dict[tuple[int, int], _Shared]:
+def _adjacent(cells: list[Cell]) -> dict[_Pair, _Shared]:
     """Pairs of cells that share enough wall for a door, with the shared stretch."""
-    pairs: dict[tuple[int, int], _Shared] = {}
+    pairs: dict[_Pair, _Shared] = {}
     for i, a in enumerate(cells):
         for j, b in enumerate(cells[:i]):
             for axis in (0, 1):
@@ -115,46 +109,38 @@ def _reluctance(a: Cell, b: Cell) -> float:
     if room_types in ({"living", "kitchen"}, {"living", "dining"}, {"kitchen", "dining"}, {"reception", "lounge"}):
         return 2.0
     # Of doors alike, those between large rooms come first; the numbers never tie in practice.
-    return 10.0 * (1 + sum(ROOM_TYPES[room_type].private for room_type in (a.room_type, b.room_type))) - 0.01 * (
-        a.area_m2 + b.area_m2
-    )
+    private = ROOM_TYPES[a.room_type].private + ROOM_TYPES[b.room_type].private
+    return 10.0 * (1 + private) - 0.01 * (a.area_m2 + b.area_m2)
 
 
-def _tree(
-    cells: list[Cell], pairs: dict[tuple[int, int], _Shared], rng: np.random.Generator
-) -> set[tuple[int, int]] | None:
+def _tree(cells: list[Cell], pairs: dict[_Pair, _Shared], rng: np.random.Generator) -> set[_Pair] | None:
     """Doors that just join all rooms (Kruskal); no way leads through a private room unless there is no other."""
     reluctance = {
         pair: shared[3] + (float(rng.uniform(0.0, 4.0)) if shared[3] > 2.0 else 0.0) for pair, shared in pairs.items()
     }
     group = list(range(len(cells)))
-    joined: set[tuple[int, int]] = set()
+    joined: set[_Pair] = set()
     entered: set[int] = set()
     postponed = []
+
+    def join(pair: _Pair) -> None:
+        old, new = group[pair[1]], group[pair[0]]
+        if old != new:
+            joined.add(pair)
+            entered.update(pair)
+            group[:] = [new if own == old else own for own in group]
+
     for pair in sorted(pairs, key=lambda pair: reluctance[pair]):
         if any(ROOM_TYPES[cells[k].room_type].private and k in entered for k in pair):
             postponed.append(pair)
-            continue
-        _join(pair, group, joined, entered)
+        else:
+            join(pair)
     for pair in postponed:
-        _join(pair, group, joined, entered)
+        join(pair)
     return joined if len(set(group)) == 1 else None
 
 
-def _join(pair: tuple[int, int], group: list[int], joined: set[tuple[int, int]], entered: set[int]) -> None:
-    """Put a door between two rooms unless a way leads from one to the other already."""
-    i, j = pair
-    if group[i] == group[j]:
-        return
-    joined.add(pair)
-    entered.update(pair)
-    old, new = group[j], group[i]
-    for k, value in enumerate(group):
-        if value == old:
-            group[k] = new
-
-
-def _passage(cells: list[Cell], pair: tuple[int, int], shared: _Shared, rng: np.random.Generator) -> Passage:
+def _passage(cells: list[Cell], pair: _Pair, shared: _Shared, rng: np.random.Generator) -> Passage:
     """An opening in a shared wall: as wide as the corridor between corridors, wide between some rooms, else a door."""
     axis, line, (low, high), _ = shared
     a, b = cells[pair[0]], cells[pair[1]]
@@ -163,8 +149,7 @@ def _passage(cells: list[Cell], pair: tuple[int, int], shared: _Shared, rng: np.
     width = float(rng.choice(_DOOR_WIDTHS_M))
     position = float(rng.uniform(0.0, 1.0))
     if room_types == {"corridor"}:
-        width, position = high - low - 0.1, 0.5
-        room = width
+        room = width = high - low - 0.1
     elif room >= _WIDE_M[0] and (
         _reluctance(a, b) == 2.0
         or ("living" in room_types and not room_types & _CLOSED and rng.random() < 0.5)

@@ -47,12 +47,12 @@ def move_furniture(
 
     Args:
         furnished: The rooms.
-        count: How many pieces to move.
+        count: Number of pieces to move.
         seed: Decides which, and where to.
         is_passable: Whether the robot still gets everywhere among the furniture.
 
     Raises:
-        SceneError: So many cannot be moved.
+        SceneError: fewer pieces can be moved.
     """
     rng = np.random.default_rng([seed, 3])
     movable = [
@@ -62,17 +62,16 @@ def move_furniture(
         if _is_movable(placed, room)
     ]
     moves: list[Move] = []
-    moved_in: list[int] = []
-    # One piece of each room before the second of any.
     order = [movable[k] for k in rng.permutation(len(movable))]
-    order = [place for place in order if _is_first(place, order)] + [p for p in order if not _is_first(p, order)]
-    for index, number in order:
+    first = {index: (index, number) for index, number in reversed(order)}.values()
+    # One piece of each room before the second of any.
+    for index, number in sorted(order, key=lambda place: place not in first):
         if len(moves) == count:
             break
         room = furnished[index]
         before = room.placed[number]
         # Where a piece moved away, no other one goes: both changes can be told apart.
-        gone = [move.before for move, at in zip(moves, moved_in, strict=True) if at == index]
+        gone = [move.before for move in moves if move.room == room.room.name]
         after = _other_place(room, before, gone, np.random.default_rng([seed, 3, index, number]))
         if after is None:
             continue
@@ -81,14 +80,9 @@ def move_furniture(
         if room.grid.is_traversable(list(placed)) and is_passable(changed):
             furnished = changed
             moves.append(Move(room.room.name, before, after))
-            moved_in.append(index)
     if len(moves) < count:
         raise SceneError(f"--moved is {count}, but only {len(moves)} pieces of this building can be moved.")
     return furnished, moves
-
-
-def _is_first(place: tuple[int, int], order: list[tuple[int, int]]) -> bool:
-    return next(other for other in order if other[0] == place[0]) == place
 
 
 def _is_movable(placed: Placed, room: FurnishedRoom) -> bool:

@@ -9,7 +9,7 @@ from shapely.geometry.base import BaseGeometry
 
 from anm_mj.scene.generation.building import RoomWall
 from anm_mj.scene.generation.piece import Box, Piece, Placed, box_corners
-from anm_mj.scene.generation.wall import Hole, Wall
+from anm_mj.scene.generation.wall import Wall, WallArea
 
 _DOOR_CLEAR_M = 0.75
 """Floor that stays clear before a door, on top of its width [m]."""
@@ -25,12 +25,7 @@ _SHRINK_M = 0.004
 class RoomSpace:
     """The free floor and walls of one room."""
 
-    def __init__(
-        self,
-        floor: shapely.Polygon,
-        walls: tuple[RoomWall, ...],
-        rng: np.random.Generator,
-    ) -> None:
+    def __init__(self, floor: shapely.Polygon, walls: tuple[RoomWall, ...], rng: np.random.Generator) -> None:
         """An empty room.
 
         Args:
@@ -43,23 +38,20 @@ class RoomSpace:
         self._stretches = [
             (wall, start, end) for wall in walls for start, end in wall.solid(0.08) if end - start > 0.25
         ]
-        door_floor = shapely.union_all(
-            [_before_gap(wall.wall, start, end) for wall in walls for start, end, _ in wall.gaps]
-        )
-        self._standing: BaseGeometry = floor.difference(door_floor)
+        before_doors = [_before_gap(wall.wall, start, end) for wall in walls for start, end, _ in wall.gaps]
+        self._standing: BaseGeometry = floor.difference(shapely.union_all(before_doors))
         """Where a piece may stand."""
         self._open: BaseGeometry = floor
         """Where nothing stands, so that a piece may have its front there."""
         self._hung: list[tuple[RoomWall, float, float]] = []
-        self._main_deg = _main_direction(walls)
+        self._main_deg = max(walls, key=lambda wall: wall.wall.length_m).wall.yaw_deg if walls else 0.0
+        """Direction of the longest wall."""
 
     def put(self, piece: Piece) -> Placed | None:
         """Place a piece; None if there is no room for it."""
         if piece.placement == "hang":
             return self._hang(piece)
-        if piece.placement == "rug":
-            return self._lay(piece)
-        places = self._middle_places(piece) if piece.placement == "middle" else self._wall_places(piece)
+        places = self._middle_places() if piece.placement in ("middle", "rug") else self._wall_places(piece)
         if not len(places):
             return None
         fits = self._fits(piece, places)
@@ -67,6 +59,8 @@ class RoomSpace:
             return None
         x, y, yaw, which, along = places[int(np.argmax(fits))]
         placed = Placed(piece, float(x), float(y), float(yaw))
+        if piece.placement == "rug":
+            return placed
         self.occupy(placed)
         if which >= 0 and piece.height_m > _LOW_M:
             x0, _, x1, _ = piece.outline_m
@@ -74,7 +68,7 @@ class RoomSpace:
             self._hung.append((wall, along + x0, along + x1))
         return placed
 
-    def curtain(self, piece: Piece, wall: RoomWall, window: Hole) -> Placed | None:
+    def curtain(self, piece: Piece, wall: RoomWall, window: WallArea) -> Placed | None:
         """Hang curtains about a window unless something stands there."""
         middle = (window.start_m + window.end_m) / 2
         x0, _, x1, _ = piece.outline_m
@@ -82,7 +76,9 @@ class RoomSpace:
         if not inside or any(w is wall and a < middle + x1 and middle + x0 < b for w, a, b in self._hung):
             return None
         placed = _at_wall(piece, wall, middle)
-        if not shapely.covers(self._open, shapely.union_all(shapely.polygons(_inward(placed)))):
+        # Drawn in by a hair, so that it does not touch the wall.
+        solids = [box_corners(_shrunk(box), placed.x_m, placed.y_m, placed.yaw_deg) for box in piece.solids_m]
+        if not shapely.covers(self._open, shapely.union_all(shapely.polygons(np.stack(solids)))):
             return None
         self._hung.append((wall, middle + x0, middle + x1))
         self.occupy(placed)
@@ -96,7 +92,10 @@ class RoomSpace:
         self._standing = self._standing.difference(zone)
 
     def _fits(self, piece: Piece, places: Float64[np.ndarray, "n 5"]) -> np.ndarray:
-        """Which places have room for the piece and for the floor before it."""
+        """Which places have room for the piece and for the floor before it; a rug lies whole on open floor."""
+        if piece.placement == "rug":
+            shapely.prepare(self._open)
+            return np.asarray(shapely.covers(self._open, shapely.polygons(_corners(piece.outline_m, places))))
         body = shapely.polygons(_corners(_shrunk(piece.outline_m), places))
         shapely.prepare(self._standing)
         fits = np.asarray(shapely.covers(self._standing, body))
@@ -125,7 +124,7 @@ class RoomSpace:
             left, right = np.array(wall.wall.left_m), np.array(wall.wall.right_m)
             rows = np.empty((len(along), 5))
             rows[:, :2] = left + along[:, None] * ((right - left) / wall.wall.length_m)
-            rows[:, 2], rows[:, 3], rows[:, 4] = _facing_deg(wall.wall), which, along
+            rows[:, 2], rows[:, 3], rows[:, 4] = wall.wall.yaw_deg, which, along
             found.append(rows)
         if not found:
             return np.zeros((0, 5))
@@ -137,7 +136,7 @@ class RoomSpace:
                 rows[:] = rows[np.argsort(np.abs(rows[:, 4] - rows[:, 4].mean()), kind="stable")]
         return np.concatenate([found[k] for k in self._rng.permutation(len(found))])
 
-    def _middle_places(self, piece: Piece) -> Float64[np.ndarray, "n 5"]:
+    def _middle_places(self) -> Float64[np.ndarray, "n 5"]:
         """Places away from the walls, the roomiest part of the floor first."""
         if self._standing.is_empty:
             return np.zeros((0, 5))
@@ -151,18 +150,6 @@ class RoomSpace:
         turns = self._main_deg + 90.0 * self._rng.integers(0, 4, len(points))
         skew = np.where(self._rng.random(len(points)) < 0.15, self._rng.uniform(-15.0, 15.0, len(points)), 0.0)
         return np.column_stack([points, turns + skew, np.full(len(points), -1), np.zeros(len(points))])
-
-    def _lay(self, piece: Piece) -> Placed | None:
-        """A rug where it lies whole on clear floor."""
-        places = self._middle_places(piece)
-        if not len(places):
-            return None
-        shapely.prepare(self._open)
-        fits = shapely.covers(self._open, shapely.polygons(_corners(piece.outline_m, places)))
-        if not fits.any():
-            return None
-        x, y, yaw = places[int(np.argmax(fits)), :3]
-        return Placed(piece, float(x), float(y), float(yaw))
 
     def _hang(self, piece: Piece) -> Placed | None:
         """A place on a wall with no window, door or piece of furniture there."""
@@ -181,38 +168,16 @@ class RoomSpace:
         return None
 
 
-def _inward(placed: Placed) -> Float64[np.ndarray, "n 4 2"]:
-    """Corners of a piece's solids, drawn in by a hair so that they do not touch the wall."""
-    return np.stack(
-        [box_corners(_shrunk(box), placed.x_m, placed.y_m, placed.yaw_deg) for box in placed.piece.solids_m]
-    )
-
-
 def _at_wall(piece: Piece, wall: RoomWall, along_m: float) -> Placed:
     x, y, _ = wall.wall.point(along_m, 0.0, 0.0)
-    return Placed(piece, x, y, _facing_deg(wall.wall))
-
-
-def _facing_deg(wall: Wall) -> float:
-    """Yaw of a piece whose back is to a wall."""
-    return float(np.degrees(np.arctan2(wall.right_m[1] - wall.left_m[1], wall.right_m[0] - wall.left_m[0])))
+    return Placed(piece, x, y, wall.wall.yaw_deg)
 
 
 def _before_gap(wall: Wall, start_m: float, end_m: float) -> shapely.Polygon:
     """The floor before an opening that stays clear."""
-    side = 0.08
-    corners = [
-        wall.point(start_m - side, -0.01, 0.0)[:2],
-        wall.point(start_m - side, _DOOR_CLEAR_M, 0.0)[:2],
-        wall.point(end_m + side, _DOOR_CLEAR_M, 0.0)[:2],
-        wall.point(end_m + side, -0.01, 0.0)[:2],
-    ]
-    return shapely.Polygon(corners)
-
-
-def _main_direction(walls: tuple[RoomWall, ...]) -> float:
-    """Direction of the longest wall [degrees]."""
-    return _facing_deg(max(walls, key=lambda wall: wall.wall.length_m).wall) if walls else 0.0
+    low, high, far = start_m - 0.08, end_m + 0.08, _DOOR_CLEAR_M
+    corners = ((low, -0.01), (low, far), (high, far), (high, -0.01))
+    return shapely.Polygon([wall.point(along, inward, 0.0)[:2] for along, inward in corners])
 
 
 def _with_front(piece: Piece) -> Box:

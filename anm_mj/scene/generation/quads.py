@@ -6,12 +6,18 @@ unit that light and texture are baked for (``atlas.py``); a triangle is a quad w
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import ParamSpec
 
 import numpy as np
 from jaxtyping import Float64
+
+Point = tuple[float, float, float]
+"""x, y, z [m]."""
+_Arguments = ParamSpec("_Arguments")
 
 
 @dataclass(frozen=True)
@@ -66,17 +72,26 @@ def join(*pieces: Quads) -> Quads:
     )
 
 
+Parts = Iterator[Quads]
+
+
+def joined(parts: Callable[_Arguments, Parts]) -> Callable[_Arguments, Quads]:
+    """Decorates a generator of parts: the call returns them as one."""
+
+    @functools.wraps(parts)
+    def whole(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Quads:
+        return join(*parts(*args, **kwargs))
+
+    return whole
+
+
 def quads(corners_m: Float64[np.ndarray, "n 4 3"], uv_m: Float64[np.ndarray, "n 4 2"], material: Material) -> Quads:
     """Quads of one material."""
     return Quads(corners_m, uv_m, (material,) * len(corners_m))
 
 
 def rectangle(
-    origin_m: tuple[float, float, float],
-    u_m: tuple[float, float, float],
-    v_m: tuple[float, float, float],
-    material: Material,
-    uv_origin_m: tuple[float, float] = (0.0, 0.0),
+    origin_m: Point, u_m: Point, v_m: Point, material: Material, uv_origin_m: tuple[float, float] = (0.0, 0.0)
 ) -> Quads:
     """A parallelogram that is seen from the side of ``u x v``."""
     origin, u, v = np.array(origin_m), np.array(u_m), np.array(v_m)
@@ -86,30 +101,29 @@ def rectangle(
     return quads(corners[None], uv[None], material)
 
 
-def box(
-    low_m: tuple[float, float, float], high_m: tuple[float, float, float], material: Material, skip: str = ""
-) -> Quads:
+def _faces(skip: str) -> Iterator[tuple[int, int, int, int]]:
+    """Normal axis, sign, u axis and v axis of the faces of a box."""
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        for sign, name in ((1, "+"), (-1, "-")):
+            if name + "xyz"[axis] not in skip.split():
+                # (first, second, axis) is right-handed, so exchanging the first two turns the face round.
+                yield axis, sign, *((first, second) if sign > 0 else (second, first))
+
+
+def box(low_m: Point, high_m: Point, material: Material, skip: str = "") -> Quads:
     """An upright box; ``skip`` names faces that nobody can see, such as ``"-z +y"``.
 
     The pattern's u runs along each face's longer side, as the grain of wood does.
     """
     low, high = np.array(low_m), np.array(high_m)
     corners, uvs = [], []
-    for axis in range(3):
-        first, second = (axis + 1) % 3, (axis + 2) % 3
-        for sign, name in ((1, "+"), (-1, "-")):
-            if name + "xyz"[axis] in skip.split():
-                continue
-            # (first, second, axis) is right-handed, so exchanging the first two turns the face round.
-            u, v = (first, second) if sign > 0 else (second, first)
-            face = np.tile(high if sign > 0 else low, (4, 1))
-            face[:, u] = [low[u], high[u], high[u], low[u]]
-            face[:, v] = [low[v], low[v], high[v], high[v]]
-            uv = face[:, [u, v]]
-            if high[v] - low[v] > high[u] - low[u]:
-                uv = uv[:, ::-1]
-            corners.append(face)
-            uvs.append(uv)
+    for _, sign, u, v in _faces(skip):
+        face = np.tile(high if sign > 0 else low, (4, 1))
+        face[:, u] = [low[u], high[u], high[u], low[u]]
+        face[:, v] = [low[v], low[v], high[v], high[v]]
+        corners.append(face)
+        uvs.append(face[:, [v, u] if high[v] - low[v] > high[u] - low[u] else [u, v]])
     return quads(np.stack(corners), np.stack(uvs), material)
 
 
@@ -141,13 +155,7 @@ def ball(radius_m: float, material: Material, sides: int = 12, squash: float = 1
     return lathe(profile, material, sides)
 
 
-def strut(
-    start_m: tuple[float, float, float],
-    end_m: tuple[float, float, float],
-    radius_m: float,
-    material: Material,
-    sides: int = 6,
-) -> Quads:
+def strut(start_m: Point, end_m: Point, radius_m: float, material: Material, sides: int = 6) -> Quads:
     """A round bar between two points, with flat ends."""
     start, end = np.array(start_m), np.array(end_m)
     axis = end - start
@@ -159,14 +167,10 @@ def strut(
     return Quads(bar.corners_m @ np.stack([u, np.cross(w, u), w]) + start, bar.uv_m, bar.materials)
 
 
+@joined
 def cushion(
-    low_m: tuple[float, float, float],
-    high_m: tuple[float, float, float],
-    radius_m: float,
-    material: Material,
-    skip: str = "",
-    segments: int = 2,
-) -> Quads:
+    low_m: Point, high_m: Point, radius_m: float, material: Material, skip: str = "", segments: int = 2
+) -> Parts:
     """A box with round edges and corners."""
     low, high = np.array(low_m), np.array(high_m)
     centre, inner = (low + high) / 2, (high - low) / 2 - radius_m
@@ -174,22 +178,15 @@ def cushion(
     bend = np.linspace(0.0, math.pi / 4, segments + 1)
     slope = np.concatenate([-np.tan(bend[::-1]), np.tan(bend)])
     shift = np.concatenate([-np.ones(segments + 1), np.ones(segments + 1)])
-    pieces = []
-    for axis in range(3):
-        for sign, name in ((1.0, "+"), (-1.0, "-")):
-            if name + "xyz"[axis] in skip.split():
-                continue
-            first, second = (axis + 1) % 3, (axis + 2) % 3
-            u, v = (first, second) if sign > 0 else (second, first)
-            direction = np.zeros((len(slope), len(slope), 3))
-            core = np.zeros_like(direction)
-            direction[..., axis], core[..., axis] = sign, sign * inner[axis]
-            direction[..., u], core[..., u] = slope[None, :], shift[None, :] * inner[u]
-            direction[..., v], core[..., v] = slope[:, None], shift[:, None] * inner[v]
-            direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-            points = centre + core + radius_m * direction
-            pieces.append(grid_quads(points, points[..., [u, v]], material))
-    return join(*pieces)
+    for axis, sign, u, v in _faces(skip):
+        direction = np.zeros((len(slope), len(slope), 3))
+        core = np.zeros_like(direction)
+        direction[..., axis], core[..., axis] = sign, sign * inner[axis]
+        direction[..., u], core[..., u] = slope[None, :], shift[None, :] * inner[u]
+        direction[..., v], core[..., v] = slope[:, None], shift[:, None] * inner[v]
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        points = centre + core + radius_m * direction
+        yield grid_quads(points, points[..., [u, v]], material)
 
 
 def grid_quads(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,14 +14,16 @@ _ROUND_M = 0.05
 _ROOMS_PER_CORRIDOR = 13
 _MIN_WIDTH_M = 2.1
 
+_Place = tuple[float, float]
+
 
 @dataclass(frozen=True)
 class Cell:
     """A rectangle between the middles of its walls [m]."""
 
     room_type: str
-    low_m: tuple[float, float]
-    high_m: tuple[float, float]
+    low_m: _Place
+    high_m: _Place
 
     @property
     def area_m2(self) -> float:
@@ -34,34 +37,27 @@ def cluster(room_types: list[str], rng: np.random.Generator) -> list[Cell]:
     order = rng.permutation(len(room_types))
     ratio = rng.uniform(1.1, 1.5)
     width = float(np.sqrt(areas.sum() * ratio))
-    cells: list[Cell] = []
-    _halve([room_types[k] for k in order], areas[order], (0.0, 0.0), (_round(width), _round(width / ratio)), rng, cells)
-    return cells
+    high = _round(width), _round(width / ratio)
+    return list(_halved([room_types[k] for k in order], areas[order], (0.0, 0.0), high, rng))
 
 
-def _halve(
-    room_types: list[str],
-    areas: np.ndarray,
-    low: tuple[float, float],
-    high: tuple[float, float],
-    rng: np.random.Generator,
-    cells: list[Cell],
-) -> None:
-    """Split a rectangle across its longer side until every part is one room."""
+def _halved(
+    room_types: list[str], areas: np.ndarray, low: _Place, high: _Place, rng: np.random.Generator
+) -> Iterator[Cell]:
+    """A rectangle, split across its longer side until every part is one room."""
     if len(room_types) == 1:
-        cells.append(Cell(room_types[0], low, high))
+        yield Cell(room_types[0], low, high)
         return
     num = max(1, min(len(room_types) - 1, round(len(room_types) / 2 + float(rng.uniform(-0.4, 0.4)))))
     share = float(areas[:num].sum() / areas.sum())
     axis = 0 if high[0] - low[0] >= high[1] - low[1] else 1
     span = high[axis] - low[axis]
-    cut = _round(
-        low[axis] + float(np.clip(share * span, min(_MIN_WIDTH_M, span / 2), span - min(_MIN_WIDTH_M, span / 2)))
-    )
+    least = min(_MIN_WIDTH_M, span / 2)
+    cut = _round(low[axis] + float(np.clip(share * span, least, span - least)))
     first_high = (cut, high[1]) if axis == 0 else (high[0], cut)
     second_low = (cut, low[1]) if axis == 0 else (low[0], cut)
-    _halve(room_types[:num], areas[:num], low, first_high, rng, cells)
-    _halve(room_types[num:], areas[num:], second_low, high, rng, cells)
+    yield from _halved(room_types[:num], areas[:num], low, first_high, rng)
+    yield from _halved(room_types[num:], areas[num:], second_low, high, rng)
 
 
 def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Generator) -> list[Cell]:

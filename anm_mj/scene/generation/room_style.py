@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from anm_mj.scene.generation import textures
 from anm_mj.scene.generation.quads import Material
-from anm_mj.scene.generation.textures import (
-    Colour,
-    dots,
-    fabric,
-    leaves,
-    plain,
-    planks,
-    plaster,
-    rgb,
-    spots,
-    stone,
-    stripes,
-    tiles,
-    wood,
-)
+from anm_mj.scene.generation.textures import Colour, rgb
 
-WHITE = plain(rgb("f4f1ea"), 0.01)
-DARK = plain(rgb("2b2d31"))
-METAL = plain(rgb("8f959c"))
-PORCELAIN = plain(rgb("f3f4f2"), 0.005)
-CEILING = replace(plaster(rgb("f3f1ec"), 0.02), texel_m=0.06)
+WHITE = textures.plain(rgb("f4f1ea"), 0.01)
+DARK = textures.plain(rgb("2b2d31"))
+METAL = textures.plain(rgb("8f959c"))
+CEILING = replace(textures.plaster(rgb("f3f1ec"), 0.02), texel_m=0.06)
 
 _WOODS = ("b98a56", "dcb887", "6e4a32", "9c5f3c", "c79a63", "8a6a4f", "e0c79a")
 _ACCENTS = (
@@ -66,12 +53,12 @@ def draw_style(room_type: str, rng: np.random.Generator) -> RoomStyle:
     return RoomStyle(
         floor=_floor(room_type, rng),
         wall=_wall(room_type, light, accents[5], rng),
-        trim=WHITE if rng.random() < 0.7 else wood(rgb(str(rng.choice(_WOODS))), 0.15),
-        wood=wood(rgb(str(rng.choice(_WOODS)))),
-        wood_dark=wood(rgb(str(rng.choice(_WOODS)))),
-        cloth=fabric(accents[0]),
-        cloth_2=fabric(accents[1]),
-        paint=plain(accents[2], 0.04),
+        trim=WHITE if rng.random() < 0.7 else textures.wood(rgb(str(rng.choice(_WOODS))), 0.15),
+        wood=textures.wood(rgb(str(rng.choice(_WOODS)))),
+        wood_dark=textures.wood(rgb(str(rng.choice(_WOODS)))),
+        cloth=textures.fabric(accents[0]),
+        cloth_2=textures.fabric(accents[1]),
+        paint=textures.plain(accents[2], 0.04),
         colours=tuple(accents),
     )
 
@@ -79,32 +66,25 @@ def draw_style(room_type: str, rng: np.random.Generator) -> RoomStyle:
 def _floor(room_type: str, rng: np.random.Generator) -> Material:
     if room_type in ("bathroom", "kitchen", "washroom", "break room", "laboratory"):
         first, second = _TILES[int(rng.integers(len(_TILES)))]
-        return tiles(rgb(first), rgb(second), float(rng.choice([0.2, 0.3, 0.4])), rgb("8f8a80"))
-    carpet = room_type in ("open office", "office", "meeting", "lounge", "library", "child") and rng.random() < 0.65
-    if carpet:
-        ground = rgb(str(rng.choice(_CARPETS)))
-        fleck = tuple(min(1.0, 1.16 * channel) for channel in ground)
-        return spots(ground, (fleck[0], fleck[1], fleck[2]), 0.5, 30.0)
+        return textures.tiles(rgb(first), rgb(second), float(rng.choice([0.2, 0.3, 0.4])), rgb("8f8a80"))
+    if room_type in ("open office", "office", "meeting", "lounge", "library", "child") and rng.random() < 0.65:
+        r, g, b = rgb(str(rng.choice(_CARPETS)))
+        return textures.spots((r, g, b), (min(1.0, 1.16 * r), min(1.0, 1.16 * g), min(1.0, 1.16 * b)), 0.5, 30.0)
     if room_type in ("reception", "corridor") and rng.random() < 0.4:
-        return (
-            stone(rgb("d9d2c4"), rgb("8f8578"))
-            if rng.random() < 0.5
-            else tiles(rgb("d5cec0"), rgb("c2b9a8"), 0.5, rgb("9a9388"))
-        )
-    return planks(
-        rgb(str(rng.choice(_BOARDS))),
-        float(rng.choice([0.1, 0.14, 0.18])),
-        float(rng.choice([0.7, 1.1, 1.6])),
-        float(rng.uniform(0.2, 0.4)),
-    )
+        if rng.random() < 0.5:
+            return textures.stone(rgb("d9d2c4"), rgb("8f8578"))
+        return textures.tiles(rgb("d5cec0"), rgb("c2b9a8"), 0.5, rgb("9a9388"))
+    board, width = rgb(str(rng.choice(_BOARDS))), float(rng.choice([0.1, 0.14, 0.18]))
+    return textures.planks(board, width, float(rng.choice([0.7, 1.1, 1.6])), float(rng.uniform(0.2, 0.4)))
 
 
 def _wall(room_type: str, light: Colour, accent: Colour, rng: np.random.Generator) -> Material:
     if room_type in ("bathroom", "washroom"):
-        return tiles(light, light, 0.2, rgb("ffffff"), 0.05)
-    softer = tuple(0.55 * a + 0.45 * b for a, b in zip(light, accent, strict=True))
-    second = (softer[0], softer[1], softer[2])
+        return textures.tiles(light, light, 0.2, rgb("ffffff"), 0.05)
+    r, g, b = (0.55 * a + 0.45 * b for a, b in zip(light, accent, strict=True))
+    second = (r, g, b)
     chance = rng.random()
     if room_type in ("bedroom", "living", "child", "corridor", "dining", "library") and chance < 0.45:
-        return [stripes(light, second, 0.18), leaves(light, second), dots(light, second)][int(rng.integers(3))]
-    return plaster(light if chance < 0.85 else second)
+        pattern = (partial(textures.stripes, period_m=0.18), textures.leaves, textures.dots)[int(rng.integers(3))]
+        return pattern(light, second)
+    return textures.plaster(light if chance < 0.85 else second)

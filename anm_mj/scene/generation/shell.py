@@ -21,7 +21,7 @@ from anm_mj.scene.generation.wall import (
     CASING_WIDTH_M,
     SKIRTING_DEPTH_M,
     SKIRTING_HEIGHT_M,
-    Hole,
+    WallArea,
     around_holes,
     casing,
     niche,
@@ -67,7 +67,7 @@ def passage_shell(building: Building, passage: Passage, floor: Material, trim: M
     yield from _level(passage.floor, 0.0, floor, up=True)
     yield from _level(passage.floor, building.door_height_m, trim, up=False)
     for jamb in building.jambs(passage):
-        yield jamb.upright(0.0, jamb.length_m, 0.0, building.door_height_m, trim), None
+        yield jamb.upright(WallArea(0.0, jamb.length_m, 0.0, building.door_height_m), trim), None
 
 
 def _level(outline: shapely.Polygon, z_m: float, material: Material, up: bool) -> Iterator[Patch]:
@@ -118,11 +118,10 @@ def _triangulated(polygon: shapely.Polygon) -> Float64[np.ndarray, "k 3 2"]:
 def _wall(room_wall: RoomWall, building: Building, material: Material, trim: Material, seed: int) -> Iterator[Quads]:
     """One wall with everything that belongs to it."""
     wall, ceiling_m = room_wall.wall, building.ceiling_m
-    doors = [Hole(a, b, 0.0, building.door_height_m) for a, b, door in room_wall.gaps if door]
-    wide = [Hole(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]
-    for start, end, low, high in around_holes(wall.length_m, [*doors, *wide, *room_wall.windows], ceiling_m):
-        if end - start > 1e-6 and high - low > 1e-6:
-            yield wall.upright(start, end, low, high, material)
+    doors = [WallArea(a, b, 0.0, building.door_height_m) for a, b, door in room_wall.gaps if door]
+    wide = [WallArea(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]
+    for area in around_holes(wall.length_m, [*doors, *wide, *room_wall.windows], ceiling_m):
+        yield wall.upright(area, material)
     framed = [door for door in doors if door.start_m >= CASING_WIDTH_M and door.end_m <= wall.length_m - CASING_WIDTH_M]
     for door in framed:
         yield from casing(wall, door, trim)
@@ -133,7 +132,7 @@ def _wall(room_wall: RoomWall, building: Building, material: Material, trim: Mat
     ends.append(wall.length_m)
     for start, end in zip(ends[::2], ends[1::2], strict=True):
         if end - start > 1e-6:
-            yield wall.block(start, end, 0.0, SKIRTING_HEIGHT_M, SKIRTING_DEPTH_M, trim, "-z +y")
+            yield wall.block(WallArea(start, end, 0.0, SKIRTING_HEIGHT_M), SKIRTING_DEPTH_M, trim, "-z +y")
     for k, hole in enumerate(room_wall.windows):
         pane = view_outside(seed + k, hole.end_m - hole.start_m, hole.z_high_m - hole.z_low_m)
         yield from niche(wall, hole, pane, trim)

@@ -1,4 +1,4 @@
-"""Voxel lighting, fast enough for buildings of forty rooms and without a ray caster.
+"""Voxel lighting by lamps and windows, fast enough for buildings of forty rooms and without a ray caster.
 
 An occupancy grid is blurred at several scales. Ambient light follows from the blurred grids at growing distances off
 the surface (cone tracing, after Crassin et al., "Interactive indirect illumination using voxel cone tracing", 2011);
@@ -7,11 +7,11 @@ shadows of lamps and windows follow from steps through the finest grid.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy import ndimage
-
-from anm_mj.scene.generation.light import Light
 
 VOXEL_M = 0.08
 """Edge of a voxel [m]: table legs still throw a shadow."""
@@ -24,6 +24,18 @@ _REACH_M = 6.0
 _STEPS = 14
 """Places looked at between a surface and a light."""
 _START_M = 0.13
+_Vectors = Float64[np.ndarray, "n 3"]
+_Voxels = Float32[np.ndarray, "layers rows cols"]
+
+
+@dataclass(frozen=True)
+class Light:
+    """A lamp or window that shines towards its normal."""
+
+    centre_m: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    power: float
+    """Radiance times area, in units in which a white surface 1 m away, face to face, is about fully lit by 1."""
 
 
 class VoxelLighting:
@@ -45,31 +57,24 @@ class VoxelLighting:
             lights: Lamps and windows.
         """
         solid = (~open_voxels).astype(np.float32)
-        k, i, j = self._indices(points_m, origin_m, solid.shape)
-        solid[k, i, j] = 1.0
         self._origin_m = origin_m
-        self._levels: list[Float32[np.ndarray, "layers rows cols"]] = [
+        solid[self._indices(points_m, solid.shape)] = 1.0
+        self._levels: list[_Voxels] = [
             solid if width == 1 else ndimage.uniform_filter(solid, width, mode="nearest") for _, width, _ in _CONE
         ]
         self._lights = lights
 
-    def falling_on(
-        self, points_m: Float64[np.ndarray, "n 3"], normals: Float64[np.ndarray, "n 3"]
-    ) -> Float64[np.ndarray, "n 3"]:
-        """Light per colour channel; 1 shows a surface in its own colour."""
+    def falling_on(self, points_m: _Vectors, normals: _Vectors) -> Float64[np.ndarray, " n"]:
+        """White light on points [m] of surfaces; 1 shows a surface in its own colour."""
         total = np.full(len(points_m), _AMBIENT)
         for (distance_m, _, weight), level in zip(_CONE, self._levels, strict=True):
             total *= 1.0 - weight * self._look_up(level, points_m + distance_m * normals)
         for light in self._lights:
             self._add_direct(total, points_m, normals, light)
-        return np.repeat(total[:, None], 3, axis=1)
+        return total
 
     def _add_direct(
-        self,
-        total: Float64[np.ndarray, " n"],
-        points_m: Float64[np.ndarray, "n 3"],
-        normals: Float64[np.ndarray, "n 3"],
-        light: Light,
+        self, total: Float64[np.ndarray, " n"], points_m: _Vectors, normals: _Vectors, light: Light
     ) -> None:
         """Add the light of one source, with soft shadows."""
         ray = np.array(light.centre_m) - points_m
@@ -77,9 +82,8 @@ class VoxelLighting:
         ray = ray[near]
         distance = np.linalg.norm(ray, axis=1)
         ray /= np.maximum(distance, 1e-9)[:, None]
-        weight = np.clip((ray * normals[near]).sum(axis=1), 0.0, None) * np.clip(
-            -ray @ np.array(light.normal), 0.0, None
-        )
+        weight = np.clip((ray * normals[near]).sum(axis=1), 0.0, None)
+        weight *= np.clip(-ray @ np.array(light.normal), 0.0, None)
         lit = weight > 1e-3
         near, ray, distance, weight = near[lit], ray[lit], distance[lit], weight[lit]
         start = points_m[near] + _START_M * normals[near]
@@ -92,20 +96,21 @@ class VoxelLighting:
         # The half metre squared keeps surfaces right beside a lamp from burning out.
         total[near] += seen * light.power * weight / (distance**2 + 0.25)
 
-    def _look_up(
-        self, level: Float32[np.ndarray, "layers rows cols"], points_m: Float64[np.ndarray, "n 3"]
-    ) -> Float64[np.ndarray, " n"]:
-        k, i, j = self._indices(points_m, self._origin_m, level.shape)
-        return level[k, i, j].astype(np.float64)
+    def _look_up(self, level: _Voxels, points_m: _Vectors) -> Float64[np.ndarray, " n"]:
+        return level[self._indices(points_m, level.shape)].astype(np.float64)
 
-    @staticmethod
-    def _indices(
-        points_m: Float64[np.ndarray, "n 3"], origin_m: Float64[np.ndarray, "3"], shape: tuple[int, ...]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _indices(self, points_m: _Vectors, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
         """Layer, row and column of the voxel of every point, or of the nearest voxel."""
-        cells = ((points_m - origin_m) / VOXEL_M).astype(np.int64)
-        return (
-            np.clip(cells[:, 2], 0, shape[0] - 1),
-            np.clip(cells[:, 1], 0, shape[1] - 1),
-            np.clip(cells[:, 0], 0, shape[2] - 1),
-        )
+        cells = ((points_m - self._origin_m) / VOXEL_M).astype(np.int64)
+        return tuple(np.clip(cells[:, 2 - axis], 0, shape[axis] - 1) for axis in range(3))
+
+
+def to_linear(srgb: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Light intensity of sRGB values in 0..1 (by the plain power law, near enough for paint)."""
+    return srgb**2.2
+
+
+def to_srgb(linear: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """SRGB values in 0..1 of light intensities; what is brighter than white is eased towards it."""
+    soft = np.where(linear < 0.8, linear, 0.8 + 0.2 * np.tanh((linear - 0.8) / 0.2 * 0.8))
+    return np.clip(soft, 0.0, 1.0) ** (1.0 / 2.2)

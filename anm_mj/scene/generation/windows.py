@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from anm_mj.scene.generation.building import GivenWindow, RoomWall
-from anm_mj.scene.generation.wall import Hole
+from anm_mj.scene.generation.wall import WallArea
 
 _SHARE_M = 2.7
 """Length of wall that one window is given."""
@@ -18,34 +16,23 @@ _HIGH = ("bathroom", "washroom")
 _DARK = ("storage", "archive")
 
 
-def with_windows(
-    walls: tuple[RoomWall, ...], room_type: str, ceiling_m: float, rng: np.random.Generator
-) -> tuple[RoomWall, ...]:
-    """The same walls with windows where there is nothing behind them."""
-    return tuple(replace(wall, windows=_windows(wall, room_type, ceiling_m, rng)) for wall in walls)
-
-
-def with_given_windows(walls: tuple[RoomWall, ...], windows: tuple[GivenWindow, ...]) -> tuple[RoomWall, ...]:
-    """The same walls with those of the plan's windows that lie in them and lead outside."""
-    return tuple(replace(wall, windows=_given(wall, windows)) for wall in walls)
-
-
-def _given(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[Hole, ...]:
-    left, right = np.array(wall.wall.left_m), np.array(wall.wall.right_m)
-    along = (right - left) / wall.wall.length_m
+def given_windows(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WallArea, ...]:
+    """Those of the plan's windows that lie in a wall and lead outside."""
+    along = np.array(wall.wall.along)
     across = np.array([-along[1], along[0]])
-    found: list[Hole] = []
+    found: list[WallArea] = []
     for window in windows if wall.outer else ():
-        ends = np.array([window.start_m, window.end_m]) - left
+        ends = np.array([window.start_m, window.end_m]) - wall.wall.left_m
         low, high = sorted(float(value) for value in ends @ along)
         fits = any(a + 0.02 < low and high < b - 0.02 for a, b in wall.solid(0.1))
         apart = all(high < other.start_m or low > other.end_m for other in found)
         if np.abs(ends @ across).max() < _BESIDE_M and high - low > 0.3 and fits and apart:
-            found.append(Hole(low, high, window.z_low_m, window.z_high_m))
+            found.append(WallArea(low, high, window.z_low_m, window.z_high_m))
     return tuple(found)
 
 
-def _windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.random.Generator) -> tuple[Hole, ...]:
+def random_windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.random.Generator) -> tuple[WallArea, ...]:
+    """Windows where there is nothing behind a wall."""
     if not wall.outer or (room_type in _DARK and rng.random() < 0.6):
         return ()
     high = room_type in _HIGH
@@ -60,5 +47,5 @@ def _windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.random.Ge
         shift = float(rng.uniform(-1.0, 1.0)) * min(0.4, (share - width) / 2 - 0.12)
         for k in range(num):
             middle = start + (k + 0.5) * share + shift
-            windows.append(Hole(middle - width / 2, middle + width / 2, z_low, z_high))
+            windows.append(WallArea(middle - width / 2, middle + width / 2, z_low, z_high))
     return tuple(windows)

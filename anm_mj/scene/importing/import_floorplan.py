@@ -85,13 +85,8 @@ def import_floorplan(
 ) -> Scene:
     """Make a scene of a floor plan: walls, doors with lintels, windows and ceilings, furnished by the generator.
 
-    Args:
-        src: The plan.
-        out: The scene folder to make; one already there is replaced.
-        name: Name of the scene; that of the folder by default.
-        licence: Licence of the plan; by default what the plan says, or "unknown".
-        source: Where the plan comes from; by default what it says, and the file's name.
-        furniture: False for empty rooms.
+    Arguments are those of :func:`anm_mj.scene.importing.import_scene.import_scene`; licence and source are by default
+    what the plan says.
 
     Raises:
         SceneError: if the plan cannot be used or the folder cannot be written.

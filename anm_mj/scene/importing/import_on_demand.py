@@ -7,12 +7,12 @@ import logging
 import os
 from pathlib import Path
 
+from anm_mj.mjcf.read_mjcf import named_files
 from anm_mj.scene.folder import TOML, XML
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.named_scenes import find_named, is_name
 from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
 from anm_mj.utils.files import cache_folder
-from anm_mj.utils.read_mjcf import named_files
 
 _logger = logging.getLogger(__name__)
 
@@ -46,7 +46,7 @@ def folder_of(name_or_path: str) -> str:
 
 
 def _state_of(path: Path) -> str:
-    """A word for a file, its size and age, and those of the files that it names and of those beside and below it."""
+    """Digest of path, size and age of a file, of the files that it names, and of those beside and below it."""
     digest = hashlib.sha256(str(path.resolve()).encode())
     files = [path]
     for parent, below, names in os.walk(path.parent):

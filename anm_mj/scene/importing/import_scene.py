@@ -121,8 +121,8 @@ def import_scene(
     parsed = read(src, list(model_paths), report)
     report.log()
     check_triangles(src, sum(len(submesh.faces) for submesh in parsed.submeshes))
-
-    placed = place(parsed, src, up, scale, Choice(only, leave_out, doors, storey))
+    parsed = replace(parsed, source=source or parsed.source, licence=licence or parsed.licence)
+    placed = place(parsed, src, name or out.resolve().name, up, scale, Choice(only, leave_out, doors, storey))
     info = placed.info
     _logger.info(
         "%s (%s): %s is up (%s), 1 unit is %g m (%s, %s), the floor was at %.3f m",
@@ -137,17 +137,11 @@ def import_scene(
     )
     if any(info.origin_m):
         _logger.info("x = y = 0 is at (%.0f, %.0f) m of the source, which lies far from its origin", *info.origin_m)
-    info = replace(
-        info,
-        name=name or out.resolve().name,
-        source=source or parsed.source,
-        licence=licence or parsed.licence,
-    )
     return write_scene(
-        placed.submeshes,
+        placed.world.submeshes,
         info,
         out,
-        obstacles=placed.obstacles,
-        movables=placed.movables,
+        obstacles=placed.world.obstacles,
+        movables=placed.world.movables,
         on_area=partial(report_reach, placed=placed, doors=doors),
     )

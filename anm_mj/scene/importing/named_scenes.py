@@ -58,7 +58,7 @@ class _DataSet:
     variables: tuple[str, ...]
     """Environment variables with its folder."""
     usual: tuple[str, ...]
-    """Folders where it lies unless told otherwise."""
+    """Folders where it lies by default."""
     files: Callable[[str], list[str]]
     """Patterns below its folder that a name may stand for, the best first."""
     help: str
@@ -118,7 +118,7 @@ def _folders(data: _DataSet) -> list[Path]:
 
 
 def _package_folders(names: Sequence[str]) -> list[Path]:
-    """Where packages are installed, of those that are."""
+    """Folders of the packages that are installed."""
     found = []
     for name in names:
         try:

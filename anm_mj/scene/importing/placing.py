@@ -22,7 +22,6 @@ from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
 from anm_mj.scene.importing.stray_parts import split_stray
-from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
 from anm_mj.scene.writer import SceneInfo, with_area
 
@@ -56,9 +55,8 @@ class Placed:
     """A source in the world."""
 
     info: SceneInfo
-    submeshes: list[Submesh]
-    obstacles: list[Submesh] | None
-    movables: tuple[Movable, ...]
+    world: ParsedScene
+    """Textures can be rendered; submeshes that look alike are one."""
     leaves: tuple[Leaf, ...]
     """The doors' leaves as they were found, in the source's heights."""
     storeys: tuple[Storey, ...]
@@ -67,8 +65,8 @@ class Placed:
     """Whether one of them was chosen."""
 
 
-def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choice: Choice) -> Placed:
-    """A parsed source in the world, with textures that can be rendered, and how axes and units were found.
+def place(parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | None, choice: Choice) -> Placed:
+    """A parsed source in the world as the scene ``name``, and how axes and units were found.
 
     Raises:
         SceneError: if the source holds no triangles, is too large, or does not hold what is wanted.
@@ -110,9 +108,9 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
     if abs(floor_m) < _FLOOR_AT_ZERO_M:
         floor_m = 0.0
     info = SceneInfo(
-        name="",
-        source="",
-        licence="",
+        name,
+        parsed.source,
+        parsed.licence,
         up=up,
         up_how=up_how,
         scale=scale,
@@ -122,15 +120,9 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
     )
     world = _lowered(world, floor_m)
     apart = [movable.part for movable in world.movables]
-    return Placed(
-        info,
-        merge_alike(limit_textures(with_area(world.submeshes)), apart),
-        world.obstacles,
-        world.movables,
-        tuple(leaves),
-        tuple(storey.lowered(floor_m) for storey in storeys),
-        choice.storey is not None,
-    )
+    world = replace(world, submeshes=merge_alike(limit_textures(with_area(world.submeshes)), apart))
+    lowered = tuple(storey.lowered(floor_m) for storey in storeys)
+    return Placed(info, world, tuple(leaves), lowered, choice.storey is not None)
 
 
 def _triangles(submeshes: list[Submesh]) -> Float[np.ndarray, "f 3 3"]:

@@ -56,7 +56,7 @@ def report_reach(area: NavigableArea, placed: Placed, doors: Doors) -> None:
 def _solid_pieces_m2(area: NavigableArea, cells: Int[np.ndarray, " n"], placed: Placed) -> list[float]:
     """Areas of the larger pieces of floor that lie within solids, such as walls of thick boxes [m2]."""
     triangles = np.concatenate(
-        [own.vertices_m[own.faces] for own in placed.obstacles or placed.submeshes], dtype=np.float64
+        [own.vertices_m[own.faces] for own in placed.world.obstacles or placed.world.submeshes], dtype=np.float64
     )
     if len(triangles) > _MAX_TRIANGLES:
         return []

@@ -13,7 +13,7 @@ from anm_mj.scene.raster import areas
 from anm_mj.scene.submesh import Submesh
 
 _GAP_M = 30.0
-"""Nothing within a building is so far from the rest of it [m]."""
+"""Gaps within a building are smaller [m]."""
 _SHARE = 0.05
 """What lies apart and has less than this share of the surface is stray; more is another building."""
 

@@ -9,24 +9,23 @@ from pathlib import Path
 import mujoco
 
 from anm_mj.frames import wrap_angle
+from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
+from anm_mj.mjcf.read_mjcf import TIMESTEPS_S
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.geom_extent import height_range_m
-from anm_mj.sim.drives.physics_drive import PhysicsDrive
-from anm_mj.types import Action, Pose2, StopReason
-from anm_mj.utils.quiet_mujoco import quiet
-from anm_mj.utils.read_mjcf import TIMESTEPS_S
+from anm_mj.sim.drives.physics_drive import UNSTABLE, PhysicsDrive
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2, StopReason
 
 _START = Pose2(0.0, 0.0, 0.0)
 _FORWARD, _TURNS = 8, 9
 _PLAIN_S = 2.0
 _FALLEN = math.cos(math.radians(30.0))
 _FAST_MPS = 5.0
-_BROKEN = (mujoco.mjtWarning.mjWARN_BADQACC, mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL)
 _FLOOR = '<mujoco><worldbody><geom type="plane" size="0 0 1"/></worldbody></mujoco>'
 
 
 @dataclass(frozen=True)
-class DriveTest:
+class DriveTrial:
     """What a robot did on an empty floor in the physics drive."""
 
     moved_m: float
@@ -41,7 +40,7 @@ class DriveTest:
     """Why it could drive no more; None = it could."""
 
 
-def drive_over_a_floor(robot: RobotDescription) -> DriveTest:
+def drive_over_a_floor(robot: RobotDescription) -> DriveTrial:
     """Drive 8 steps forward and 9 turns to the left in the physics drive; takes about a second.
 
     Raises:
@@ -62,11 +61,11 @@ def drive_over_a_floor(robot: RobotDescription) -> DriveTest:
         fault = fault or drive.act(action).fault
         turned_rad += wrap_angle(drive.pose.yaw_rad - yaw)
         by_wheels_rad += wrap_angle(drive.odometry.yaw_rad - measured)
-    return DriveTest(
+    return DriveTrial(
         ahead.x_m,
-        0.065 * _FORWARD,
+        FORWARD_STEP_M * _FORWARD,
         turned_rad,
-        math.radians(10.0) * _TURNS,
+        TURN_STEP_RAD * _TURNS,
         by_wheels_rad,
         fault,
     )
@@ -81,7 +80,7 @@ def plain_fault(path: Path, root: str) -> str:
         path: the file; it compiles.
         root: name of the robot's top-level body; empty where the file leaves it unnamed.
     """
-    with quiet(mujoco.set_mju_user_warning):
+    with quiet_mujoco():
         return _simulated_fault(mujoco.MjSpec.from_file(str(path)), root)
 
 
@@ -107,7 +106,7 @@ def _simulated_fault(spec: mujoco.MjSpec, root: str) -> str:
     up = data.xmat[body].reshape(3, 3)[2].copy() if body > 0 else None
     while data.time < _PLAIN_S:
         mujoco.mj_step(model, data)
-        if any(data.warning[kind].number for kind in _BROKEN):
+        if any(data.warning[kind].number for kind in UNSTABLE):
             return (
                 f"in plain MuJoCo its simulation diverges after {data.time:.2f} s: look for bodies with hardly any "
                 "mass, stiff servos, or a time step that is too long"

@@ -16,13 +16,10 @@ from anm_mj.localisation.odometry import Odometer
 from anm_mj.robot.base_joints import PlanarBase, SimulatedBase, simulated_base
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics
-from anm_mj.sim.drives.traction import TractionMonitor
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
-from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
+from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist
 
 _LOOK_PERIOD_S = 0.02
-_LAG_RAD = math.radians(1.0)
-"""A turn on the spot that ends this far from where it should was not executed."""
 
 
 class KinematicDrive(WheelDrive):
@@ -40,7 +37,6 @@ class KinematicDrive(WheelDrive):
         data: mujoco.MjData,
         description: RobotDescription,
         clearance: Clearance,
-        limits: MotionLimits | None = None,
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
@@ -51,14 +47,14 @@ class KinematicDrive(WheelDrive):
             data: of that model.
             description: the robot.
             clearance: of its footprint in the scene.
-            limits: speeds and accelerations of the base; here they only set the simulated time.
             odometer: reads the wheels; None = one without noise.
             prefix: stands before the robot's names in the scene.
 
         Raises:
             RobotError: if the model lacks a joint of the robot.
         """
-        super().__init__(model, data, description, limits, odometer, prefix, period_s=_LOOK_PERIOD_S)
+        # The limits only set the simulated time.
+        super().__init__(model, data, description, MotionLimits(), odometer, prefix, period_s=_LOOK_PERIOD_S)
         self._clearance = clearance
         self._model, self._prefix = model, prefix
         self._ahead: list[tuple[mujoco.MjData, SimulatedBase | PlanarBase]] = []
@@ -67,7 +63,6 @@ class KinematicDrive(WheelDrive):
     def place(self, pose: Pose2) -> None:
         """Move the robot to a pose without driving, and restart its odometry there."""
         self._base.place(pose)
-        self._traction = TractionMonitor()
         self._odometer.reset(pose, self._base.wheel_angles_rad)
 
     def act(self, action: Action) -> ActionResult:
@@ -78,19 +73,10 @@ class KinematicDrive(WheelDrive):
         # exponential of the whole motion is exact.
         forward_m, turn_rad = action_motion(action)
         duration_s = action_profile(action, self._limits).duration_s
-        start_angles = self._base.wheel_angles_rad
         if not self._roll(forward_m, turn_rad, duration_s):
             return ActionResult(action, collided=True, wheel_speeds=STILL, moved_m=0.0)
-        fault = self._fault(forward_m, turn_rad, start_angles)
-        speeds = self._kinematics.wheel_speeds(*self._rolled(forward_m / duration_s, turn_rad / duration_s))
-        moved_m = abs(self._rolled(forward_m, turn_rad)[0])
-        return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=moved_m, fault=fault)
-
-    def _fault(self, forward_m: float, turn_rad: float, start_angles_rad: Float[np.ndarray, " n"]) -> StopReason | None:
-        """Why the robot can drive no more after a motion from these wheel angles; None while it can."""
-        driven_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
-        turned_rad = self._turned_rad(start_angles_rad)
-        return self._traction.after(failed=False, touched=False, driven_rad=driven_rad, turned_rad=turned_rad)
+        speeds = self._kinematics.wheel_speeds(forward_m / duration_s, turn_rad / duration_s)
+        return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=abs(forward_m))
 
     def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
         """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
@@ -110,13 +96,10 @@ class KinematicDrive(WheelDrive):
         """
         require_motion(twist, duration_s)
         forward_m, turn_rad = twist.forward_mps * duration_s, twist.turn_radps * duration_s
-        start_angles = self._base.wheel_angles_rad
         if not self._roll(forward_m, turn_rad, duration_s):
             return MotionResult(True, STILL, 0.0, 0.0, duration_s)
-        fault = self._fault(forward_m, turn_rad, start_angles)
-        forward_m, turn_rad = self._rolled(forward_m, turn_rad)
-        speeds = self._kinematics.wheel_speeds(*self._rolled(twist.forward_mps, twist.turn_radps))
-        return MotionResult(False, speeds, abs(forward_m), abs(turn_rad), duration_s, fault)
+        speeds = self._kinematics.wheel_speeds(twist.forward_mps, twist.turn_radps)
+        return MotionResult(False, speeds, abs(forward_m), abs(turn_rad), duration_s)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
@@ -126,30 +109,17 @@ class KinematicDrive(WheelDrive):
             turn_rad = math.remainder(following.yaw_rad - pose.yaw_rad, math.tau)
             self._roll(0.0, turn_rad, self._period_s)
             turned_rad += abs(turn_rad)
-            # A wheel that sticks never gets it there.
-            if abs(math.remainder(following.yaw_rad - self._base.pose.yaw_rad, math.tau)) > _LAG_RAD:
-                return MotionResult(True, STILL, 0.0, turned_rad, self._data.time - start_s)
         speeds = self._mean_speeds(start_s, start_angles_rad)
         return MotionResult(False, speeds, 0.0, turned_rad, self._data.time - start_s)
 
     def _roll(self, forward_m: float, turn_rad: float, duration_s: float) -> bool:
         """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way."""
         self._data.time += duration_s
-        pose = self._base.pose
-        forward_m, turn_rad = self._rolled(forward_m, turn_rad)
-        if forward_m and self._clearance.sweep_collides(pose, forward_m, turn_rad):
+        if forward_m and self._clearance.sweep_collides(self._base.pose, forward_m, turn_rad):
             return False
         self._move(self._base, forward_m, turn_rad)
         self._odometer.update(self._base.wheel_angles_rad)
         return True
-
-    def _rolled(self, forward: float, turn: float) -> tuple[float, float]:
-        """What becomes of a motion [m, rad], or of a velocity [m/s, rad/s], where wheels stick."""
-        if not any(self._sticks) or isinstance(self._kinematics, PlanarKinematics):
-            return forward, turn
-        left, right = self._kinematics.wheel_motion(forward, turn)
-        left_sticks, right_sticks = self._sticks
-        return self._kinematics.body_motion(0.0 if left_sticks else left, 0.0 if right_sticks else right)
 
     def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:
         pose = base.pose

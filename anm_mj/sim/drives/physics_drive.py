@@ -3,85 +3,56 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.action_motion import MotionLimits, action_motion, action_profile
+from anm_mj.control.action_motion import action_motion, action_profile
 from anm_mj.control.clearance_limit import static_obstacles
 from anm_mj.control.robot_limits import limits_of
 from anm_mj.control.wheel_servo import PlanarServo, WheelServo
-from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer
 from anm_mj.robot.base_joints import element_id
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.sim.drives.shell_contacts import ShellContacts
 from anm_mj.sim.drives.traction import TractionMonitor
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STANDING = Twist(0.0, 0.0)
-_UNSTABLE = (
+UNSTABLE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
 """What MuJoCo warns of when it resets a simulation."""
-_STUCK_DAMPING = 1e3
-"""Damping of a wheel's joint that no motor overcomes [N m s/rad]."""
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
-
-
-@dataclass(frozen=True)
-class PhysicsDriveConfig:
-    """Servo periods, tolerances and contact thresholds of the physics drive."""
-
-    substep_s: float = 0.002
-    """Physics step [s]. From 0.004 on the wheel contacts lose accuracy, at 0.010 the wheels slip."""
-    servo_period_s: float = 0.02
-    """Time between two commands to the wheels [s]; a multiple of the substep."""
-    max_wheel_radps: float = 12.0
-    """Highest commanded speed of either wheel [rad/s]."""
-    keep_clear_m: float = 0.005
-    """Distance to the obstacle boxes at which the servo stops the robot's body [m]."""
-    settle_s: float = 0.3
-    """Longest time from the planned end of an action until the base rests at the reference [s]."""
-    settled_m: float = 0.0005
-    """Distance to the reference along the heading at which an action is done [m]."""
-    settled_rad: float = math.radians(0.02)
-    """Angle to the reference at which an action is done [rad]."""
-    rest_mps: float = 0.005
-    """Speed below which the base counts as at rest [m/s]."""
-    rest_radps: float = 0.02
-    """Turn rate below which the base counts as at rest [rad/s]."""
-    blocked_m: float = 0.005
-    """A larger distance to the reference along the heading after settling means a collision [m]."""
-    blocked_rad: float = math.radians(0.5)
-    """A larger angle to the reference after settling means a collision [rad]."""
-    lag_m: float = 0.02
-    """A larger distance to the reference while driving at a velocity means a collision or a push [m]."""
-    pushed_m: float = 0.005
-    """A larger sideways distance to the reference means a push from the side [m]."""
-    toppled_rad: float = math.radians(30.0)
-    """A base that tilts by more has fallen over [rad]."""
-    contact_cos: float = 0.25
-    """A contact blocks a forward motion if the cosine between the heading and its outward normal is larger; along
-    contacts at its side the robot slides."""
-
-    def __post_init__(self):
-        for name, value in vars(self).items():
-            if not value > 0.0:
-                raise RobotError(f"PhysicsDriveConfig.{name} is {value}; it must be positive.")
-        ratio = self.servo_period_s / self.substep_s
-        if abs(ratio - round(ratio)) > 1e-9:
-            raise RobotError(
-                f"PhysicsDriveConfig.servo_period_s is {self.servo_period_s}, which is not a multiple of substep_s, "
-                f"{self.substep_s}; for example {round(ratio + 0.5) * self.substep_s:g} is."
-            )
+SUBSTEP_S = 0.002
+"""Physics step [s]. From 0.004 on the wheel contacts lose accuracy, at 0.010 the wheels slip."""
+_SUBSTEPS = 10
+"""Physics steps between two commands to the wheels."""
+_MAX_WHEEL_RADPS = 12.0
+"""Highest commanded speed of either wheel [rad/s]."""
+_KEEP_CLEAR_M = 0.005
+"""Distance to the obstacle boxes at which the servo stops the robot's body [m]."""
+_SETTLE_S = 0.3
+"""Longest time from the planned end of an action until the base rests at the reference [s]."""
+_SETTLED_M, _SETTLED_RAD = 0.0005, math.radians(0.02)
+"""An action is done this near to the reference, along the heading [m] and in angle [rad]."""
+_REST_MPS, _REST_RADPS = 0.005, 0.02
+"""Below this speed [m/s] and turn rate [rad/s] the base is at rest."""
+_BLOCKED_M, _BLOCKED_RAD = 0.005, math.radians(0.5)
+"""Farther from the reference after settling, along the heading [m] or in angle [rad], the base has collided."""
+_LAG_M = 0.02
+"""A larger distance to the reference while driving at a velocity means a collision or a push [m]."""
+_PUSHED_M = 0.005
+"""A larger sideways distance to the reference means a push from the side [m]."""
+_TOPPLED_RAD = math.radians(30.0)
+"""A base that tilts by more has fallen over [rad]."""
 
 
 class PhysicsDrive(WheelDrive):
@@ -91,15 +62,13 @@ class PhysicsDrive(WheelDrive):
     not add up. After a collision, or a push from the side, it restarts at the true pose.
     """
 
-    REBUILT = ("_model", "_servo")
+    REBUILT = ("_model", "_servo", "_contacts")
 
     def __init__(
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
         description: RobotDescription,
-        config: PhysicsDriveConfig | None = None,
-        limits: MotionLimits | None = None,
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
@@ -110,8 +79,6 @@ class PhysicsDrive(WheelDrive):
                 are the obstacles that the servo keeps clear of.
             data: of that model.
             description: the robot.
-            config: servo settings; None = the defaults.
-            limits: speeds and accelerations of the base; None = the defaults.
             odometer: reads the wheels; None = one without noise.
             prefix: stands before the robot's names in the scene.
 
@@ -119,11 +86,9 @@ class PhysicsDrive(WheelDrive):
             RobotError: if the model lacks a joint, an actuator or a geom of the robot, or mink drops an obstacle.
         """
         self._model = model
-        self._config = config or PhysicsDriveConfig()
-        max_wheel_radps = min(self._config.max_wheel_radps, description.max_wheel_radps)
-        limits = limits or limits_of(description, max_wheel_radps)
-        super().__init__(model, data, description, limits, odometer, prefix, period_s=self._config.servo_period_s)
-        self._max_wheel_radps = max_wheel_radps
+        self._max_wheel_radps = min(_MAX_WHEEL_RADPS, description.max_wheel_radps)
+        limits = limits_of(description, self._max_wheel_radps)
+        super().__init__(model, data, description, limits, odometer, prefix, period_s=_SUBSTEPS * SUBSTEP_S)
         obstacles = static_obstacles(model)
         self._servo: WheelServo | PlanarServo
         if isinstance(self._kinematics, RobotKinematics):
@@ -131,9 +96,9 @@ class PhysicsDrive(WheelDrive):
                 description,
                 self._kinematics,
                 period_s=self._period_s,
-                max_wheel_radps=max_wheel_radps,
+                max_wheel_radps=self._max_wheel_radps,
                 obstacles=obstacles,
-                min_distance_m=self._config.keep_clear_m,
+                min_distance_m=_KEEP_CLEAR_M,
             )
         else:
             self._servo = PlanarServo(
@@ -142,25 +107,18 @@ class PhysicsDrive(WheelDrive):
                 max_mps=2.0 * self._limits.forward_mps,
                 max_radps=2.0 * self._limits.turn_radps,
                 obstacles=obstacles,
-                min_distance_m=self._config.keep_clear_m,
+                min_distance_m=_KEEP_CLEAR_M,
             )
         self._signs = np.array(description.wheel_signs)
         self._touched = False
-        actuator, geom = mujoco.mjtObj.mjOBJ_ACTUATOR, mujoco.mjtObj.mjOBJ_GEOM
-        wheels = [element_id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in description.wheel_joints]
-        self._wheel_dofs = model.jnt_dofadr[wheels].reshape(2, -1) if wheels else np.zeros((2, 0), int)
-        self._free_damping = model.dof_damping.copy()
-        self._motors = np.array([element_id(model, actuator, prefix + name) for name in description.motors])
-        self._is_shell = np.zeros(model.ngeom, dtype=bool)
-        self._is_shell[[element_id(model, geom, prefix + name) for name in description.shell]] = True
-        root = model.body_rootid[model.geom_bodyid]
-        moves = model.body_weldid[model.geom_bodyid] != 0
-        self._is_movable = moves & ~np.isin(root, root[self._is_shell])
-        self._substeps = round(self._period_s / self._config.substep_s)
+        self._traction = TractionMonitor()
+        motors = [element_id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, prefix + name) for name in description.motors]
+        self._motors = np.array(motors)
+        self._contacts = ShellContacts(model, data, [prefix + name for name in description.shell])
         self._reference = self._base.pose
         self._twist = _STANDING
 
-        model.opt.timestep = self._config.substep_s
+        model.opt.timestep = SUBSTEP_S
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
@@ -178,12 +136,6 @@ class PhysicsDrive(WheelDrive):
         self._traction = TractionMonitor()
         self._odometer.reset(pose, self._base.wheel_angles_rad)
 
-    def stick(self, *, left: bool, right: bool) -> None:
-        """Say of the wheels of each side whether they stick from now on; see the base class."""
-        super().stick(left=left, right=right)
-        for dofs, sticks in zip(self._wheel_dofs, self._sticks, strict=True):
-            self._model.dof_damping[dofs] = _STUCK_DAMPING if sticks else self._free_damping[dofs]
-
     def act(self, action: Action) -> ActionResult:
         """Execute an action until the robot rests at the commanded pose or an obstacle stops it."""
         self._brake()
@@ -196,7 +148,7 @@ class PhysicsDrive(WheelDrive):
         if collided:
             self._halt()
         # No wheel can undo a push from the side, and after the next turn the servo would drive it as a distance.
-        elif abs(self._offset_m()[1]) > self._config.pushed_m:
+        elif abs(self._offset_m()[1]) > _PUSHED_M:
             self._reference = self._base.pose
         end = self._base.pose
         return ActionResult(
@@ -205,7 +157,7 @@ class PhysicsDrive(WheelDrive):
             wheel_speeds=self._mean_speeds(start_s, start_angles),
             moved_m=_distance_m(start, end),
             fault=self._fault(
-                failed=collided or off_m > self._config.pushed_m,
+                failed=collided or off_m > _PUSHED_M,
                 driven_rad=self._kinematics.wheel_motion(*action_motion(action)),
                 turned_rad=self._turned_rad(start_angles),
             ),
@@ -227,15 +179,10 @@ class PhysicsDrive(WheelDrive):
         """
         if self._diverged:
             return StopReason.DIVERGED
-        if self._base.tilt_rad > self._config.toppled_rad:
+        if self._base.tilt_rad > _TOPPLED_RAD:
             return StopReason.TOPPLED
-        touched = self._touched or self._touches_anything()
+        touched = self._touched or self._contacts.any() or self._servo.is_near_obstacle
         return self._traction.after(failed=failed, touched=touched, driven_rad=driven_rad, turned_rad=turned_rad)
-
-    def _touches_anything(self) -> bool:
-        """Whether the robot's shell touches anything, or is as near to it as the servo goes."""
-        near = self._is_shell[self._data.contact.geom]
-        return bool((near[:, 0] != near[:, 1]).any()) or self._servo.is_near_obstacle
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s], rounded up to servo periods.
@@ -260,7 +207,7 @@ class PhysicsDrive(WheelDrive):
             after = self._base.pose
             moved_m += _distance_m(before, after)
             turned_rad += abs(wrap_angle(after.yaw_rad - before.yaw_rad))
-            if collided or math.hypot(*self._offset_m()) > self._config.lag_m:
+            if collided or math.hypot(*self._offset_m()) > _LAG_M:
                 collided = True
                 self._halt()
                 break
@@ -300,14 +247,13 @@ class PhysicsDrive(WheelDrive):
 
     def _settle(self, forward: bool) -> bool:
         """Wait until the base rests at the reference; False if it does not arrive."""
-        config = self._config
-        last_s = self._data.time + config.settle_s
+        last_s = self._data.time + _SETTLE_S
         while True:
-            at_rest = self._base.speed_mps < config.rest_mps and abs(self._base.turn_rate_radps) < config.rest_radps
-            if at_rest and self._is_at_reference(config.settled_m, config.settled_rad):
+            at_rest = self._base.speed_mps < _REST_MPS and abs(self._base.turn_rate_radps) < _REST_RADPS
+            if at_rest and self._is_at_reference(_SETTLED_M, _SETTLED_RAD):
                 return True
             if self._data.time >= last_s:
-                return self._is_at_reference(config.blocked_m, config.blocked_rad)
+                return self._is_at_reference(_BLOCKED_M, _BLOCKED_RAD)
             if self._servo_period(self._reference, forward):
                 return False
 
@@ -320,9 +266,9 @@ class PhysicsDrive(WheelDrive):
             sides = np.repeat((speeds.left_radps, speeds.right_radps), len(self._signs) // 2)
             self._data.ctrl[self._motors] = self._signs * sides
         self._touched |= self._servo.is_near_obstacle
-        for _ in range(self._substeps):
+        for _ in range(_SUBSTEPS):
             mujoco.mj_step(self._model, self._data)
-            if forward and self._contact_ahead():
+            if forward and self._contacts.blocks(self._base.pose.yaw_rad):
                 return True
         self._odometer.update(self._base.wheel_angles_rad)
         # MuJoCo has reset the simulation and its clock, so that no motion would ever end.
@@ -331,13 +277,13 @@ class PhysicsDrive(WheelDrive):
     @property
     def _diverged(self) -> bool:
         """Whether the simulation has become unstable."""
-        return any(self._data.warning[kind].number for kind in _UNSTABLE) or not np.isfinite(self._data.qpos).all()
+        return any(self._data.warning[kind].number for kind in UNSTABLE) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
         """Brake to rest and make the reached pose the reference."""
         self._data.ctrl[self._motors] = 0.0
-        for _ in range(math.ceil(self._config.settle_s / self._period_s)):
-            mujoco.mj_step(self._model, self._data, nstep=self._substeps)
+        for _ in range(math.ceil(_SETTLE_S / self._period_s)):
+            mujoco.mj_step(self._model, self._data, nstep=_SUBSTEPS)
             self._odometer.update(self._base.wheel_angles_rad)
         self._reference, self._twist = self._base.pose, _STANDING
 
@@ -381,24 +327,6 @@ class PhysicsDrive(WheelDrive):
         dx, dy = reference.x_m - pose.x_m, reference.y_m - pose.y_m
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         return dx * c + dy * s, dy * c - dx * s
-
-    def _contact_ahead(self) -> bool:
-        """Whether the robot's shell touches something ahead of it that cannot be pushed."""
-        touching = self._is_shell[self._data.contact.geom]
-        if not touching.any():
-            return False
-        yaw = self._base.pose.yaw_rad
-        for contact, (first_is_robot, second_is_robot) in zip(self._data.contact, touching, strict=True):
-            if first_is_robot == second_is_robot or contact.dist > 0.0:
-                continue
-            # What gives way is pushed; what is too heavy stops the base, which then lags its reference.
-            if self._is_movable[contact.geom[1 if first_is_robot else 0]]:
-                continue
-            # The contact's normal points from its first geom to its second.
-            outwards = contact.frame[:2] if first_is_robot else -contact.frame[:2]
-            if outwards[0] * math.cos(yaw) + outwards[1] * math.sin(yaw) > self._config.contact_cos:
-                return True
-        return False
 
 
 def _distance_m(a: Pose2, b: Pose2) -> float:

@@ -15,7 +15,6 @@ from anm_mj.localisation.odometry import Odometer, odometer_of
 from anm_mj.robot.base_joints import simulated_base
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
-from anm_mj.sim.drives.traction import TractionMonitor
 from anm_mj.types import Pose2, Twist, WheelSpeeds
 
 STILL = WheelSpeeds(0.0, 0.0)
@@ -31,7 +30,7 @@ class WheelDrive:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         description: RobotDescription,
-        limits: MotionLimits | None,
+        limits: MotionLimits,
         odometer: Odometer | None,
         prefix: str,
         *,
@@ -43,7 +42,7 @@ class WheelDrive:
             model: the robot, alone or in a scene.
             data: of that model.
             description: the robot.
-            limits: speeds and accelerations of the base; None = the defaults.
+            limits: speeds and accelerations of the base.
             odometer: reads the wheels; None = one without noise.
             prefix: stands before the robot's names in the scene.
             period_s: time between two commands of the look-at controller [s].
@@ -54,19 +53,12 @@ class WheelDrive:
         self._data = data
         self._base = simulated_base(model, data, prefix, description)
         self._kinematics = kinematics_of(description)
-        self._limits = limits or MotionLimits()
+        self._limits = limits
         self._odometer = odometer or odometer_of(self._kinematics)
         self._odometer.reset(self._base.pose, self._base.wheel_angles_rad)
         self._description = description
         self._period_s = period_s
         self._look_at: LookAt | None = None
-        self._traction = TractionMonitor()
-        self._sticks = (False, False)
-        """Whether the wheels of the left and of the right side stick."""
-
-    def stick(self, *, left: bool, right: bool) -> None:
-        """Say of the wheels of each side whether they stick from now on, to try how a run takes it."""
-        self._sticks = left, right
 
     @property
     def pose(self) -> Pose2:
@@ -97,11 +89,9 @@ class WheelDrive:
 
     def _mean_speeds(self, start_s: float, start_angles_rad: Float[np.ndarray, " n"]) -> WheelSpeeds:
         """Mean wheel speeds since a time and its wheel angles; 0 without wheels."""
-        if not self._description.wheel_joints:
-            return STILL
         duration_s = max(self._data.time - start_s, self._period_s)
-        left, right = ((self._base.wheel_angles_rad - start_angles_rad) / duration_s).tolist()
-        return WheelSpeeds(left, right)
+        left_rad, right_rad = self._turned_rad(start_angles_rad)
+        return WheelSpeeds(left_rad / duration_s, right_rad / duration_s)
 
 
 def require_motion(twist: Twist, duration_s: float) -> None:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Intrinsics
 
@@ -31,7 +32,7 @@ def measure_depth(
         scale_error: this camera's systematic error as a share of the depth.
         generator: draws this frame's noise.
     """
-    hit = np.isfinite(depth_m) & (depth_m > 0.0)
+    hit = is_measured(depth_m)
     exact = depth_m if hit.all() else np.where(hit, depth_m, np.float32(np.inf))
     if config.depth == "exact":
         return _in_range(exact, exact, config, np.float32(np.inf))

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+import functools
+from dataclasses import dataclass, replace
 
 from anm_mj.errors import RobotError
+from anm_mj.utils.settings import check_settings, setting
 
 DEPTH_MODELS = ("exact", "stereo", "tof")
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
-
-FAULTS = (
-    *("none", "nan", "zero", "infinite", "frozen", "black", "lost", "outliers"),
-    *("pose-jump", "pose-nan", "resized", "no-answer"),
-)
-"""No fault; no depth in three ways; the same image, or a black one, for ever; some frames without anything; some pixels
-with any depth; the pose 20 cm aside, or not a number; images of half the size; a camera that raises an error."""
-_MOST = 1e9
-"""No setting is larger."""
-_MOST_EXPOSURE = 10.0
-_USUAL_SHARE = {"lost": 0.1, "outliers": 0.01}
+_from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 
 
 @dataclass(frozen=True)
@@ -31,54 +23,47 @@ class SensorConfig:
 
     name: str = "exact"
     """Name of the sensor in ``SENSORS`` that the settings were taken from."""
-    depth: str = "exact"
+    depth: str = setting("exact", choices=DEPTH_MODELS)
     """One of ``DEPTH_MODELS``."""
-    noise_scale: float = 1.0
+    noise_scale: float = _from_zero(1.0)
     """Factor on all noise below."""
-    min_range_m: float = 0.0
+    min_range_m: float = _from_zero(0.0)
     """No depth is measured nearer than this [m]."""
-    max_range_m: float = 0.0
+    max_range_m: float = _from_zero(0.0)
     """No depth is measured beyond this [m]; 0 = up to the camera's far plane."""
-    lateral_sigma_px: float = 0.0
+    lateral_sigma_px: float = _from_zero(0.0)
     """Standard deviation of the place in the image that a depth value comes from [px]."""
-    edge_missing: float = 0.0
+    edge_missing: float = _from_zero(0.0, at_most=1.0)
     """Probability that a pixel at a depth edge is not measured."""
-    edge_jump: float = 0.05
+    edge_jump: float = _from_zero(0.05)
     """A step in depth of more than this share of the depth is an edge."""
-    grazing_missing_deg: float = 90.0
+    grazing_missing_deg: float = _from_zero(90.0, at_most=90.0)
     """From this angle of incidence on pixels go missing; at 90 degrees all are [deg]."""
-    baseline_m: float = 0.05
+    baseline_m: float = _from_zero(0.05)
     """Distance of the two imagers of a stereo camera [m]."""
-    native_width_px: float = 848.0
+    native_width_px: float = _from_zero(848.0)
     """Columns of a stereo camera's own image, which sets the focal length that disparity is measured with [px]."""
-    subpixel_sigma_px: float = 0.0
+    subpixel_sigma_px: float = _from_zero(0.0)
     """Standard deviation of the disparity of a stereo camera [px of its own image]."""
-    disparity_step_px: float = 0.0
+    disparity_step_px: float = _from_zero(0.0)
     """Disparities are multiples of this [px of its own image]; 0 = any."""
-    tof_sigma_m: float = 0.0
+    tof_sigma_m: float = _from_zero(0.0)
     """Standard deviation of a time-of-flight depth at 1 m on a frontal surface [m]; it grows with the square of the
     depth and with the inverse of the cosine of incidence, as the returned light falls."""
-    tof_scale_error: float = 0.0
+    tof_scale_error: float = _from_zero(0.0)
     """Systematic error of a time-of-flight camera as a share of the depth, one draw for the camera's life."""
-    flying_share: float = 0.0
+    flying_share: float = _from_zero(0.0, at_most=1.0)
     """Share of the pixels at a depth edge that a time-of-flight camera puts between both surfaces."""
-    color_sigma: float = 0.0
+    color_sigma: float = _from_zero(0.0)
     """Standard deviation of a colour value in the dark [0..255]."""
-    color_gain: float = 0.0
+    color_gain: float = _from_zero(0.0)
     """Growth of a colour value's variance with the value (shot noise) [0..255]."""
-    exposure_sigma: float = 0.0
+    exposure_sigma: float = _from_zero(0.0, at_most=10.0)
     """Standard deviation of the logarithm of a frame's exposure."""
-    odometry_alpha: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    odometry_alpha: tuple[float, float, float, float] = _from_zero((0.0, 0.0, 0.0, 0.0))
     """Noise of wheel odometry: variance of a rotation from rotation [rad^2/rad^2] and from translation [rad^2/m^2], of
     a translation from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox,
     Probabilistic Robotics, 2005, table 5.6."""
-
-    fault: str = "none"
-    """One of ``FAULTS``: what fails, to try how a run takes it."""
-    fault_step: int = 40
-    """The fault begins with the frame after this many steps."""
-    fault_share: float = 0.0
-    """Share of lost frames, or of pixels that are outliers; 0 = a tenth of the frames, a hundredth of the pixels."""
 
     def __post_init__(self) -> None:
         """Refuse what no sensor does.
@@ -86,24 +71,7 @@ class SensorConfig:
         Raises:
             RobotError: a choice is unknown, or a number is out of its range.
         """
-        if self.depth not in DEPTH_MODELS:
-            raise RobotError(f"sensor.depth is '{self.depth}'; it must be one of {', '.join(DEPTH_MODELS)}.")
-        if self.fault not in FAULTS:
-            raise RobotError(f"sensor.fault is '{self.fault}'; it must be one of {', '.join(FAULTS)}.")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if not isinstance(number, str) and not 0.0 <= number <= _MOST:
-                    raise RobotError(f"sensor.{field.name} is {value}; it must lie within 0 and {_MOST:g}.")
-        for name in ("edge_missing", "flying_share", "fault_share"):
-            if getattr(self, name) > 1.0:
-                raise RobotError(f"sensor.{name} is {getattr(self, name):g}; a probability lies within 0 and 1.")
-        if self.exposure_sigma > _MOST_EXPOSURE:
-            raise RobotError(
-                f"sensor.exposure_sigma is {self.exposure_sigma:g}; beyond {_MOST_EXPOSURE:g} all images are white."
-            )
-        if self.grazing_missing_deg > 90.0:
-            raise RobotError(f"sensor.grazing_missing_deg is {self.grazing_missing_deg:g}; it must be at most 90.")
+        check_settings(self, "sensor", RobotError)
         if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):
             raise RobotError(
                 f"sensor.baseline_m is {self.baseline_m:g} and sensor.native_width_px is {self.native_width_px:g}; "
@@ -114,11 +82,6 @@ class SensorConfig:
                 f"sensor.max_range_m is {self.max_range_m:g} m and sensor.min_range_m {self.min_range_m:g} m; "
                 "the range must end beyond where it begins."
             )
-
-    @property
-    def usual_fault_share(self) -> float:
-        """``fault_share``, or what is usual for the fault."""
-        return self.fault_share or _USUAL_SHARE.get(self.fault, 0.0)
 
     @property
     def misses(self) -> bool:

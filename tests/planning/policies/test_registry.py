@@ -19,8 +19,8 @@ from anm_mj.types import Footprint
 
 PACKAGE = Path(anm_mj.__file__).parent
 OTHER_MEANINGS = {
-    ("mapping/config.py", "anm"),  # A mapping preset.
-    ("evaluation/oracle/planner.py", "oracle"),  # A folder of the cache.
+    ("mapping/mapping_config.py", "anm"),  # A mapping preset.
+    ("evaluation/oracle/tour_planner.py", "oracle"),  # A folder of the cache.
     ("planning/policies/anm_s/anm_s_config.py", "random"),  # A way to choose a target.
     ("planning/policies/anm_s/candidate_vertices.py", "random"),
     ("planning/policies/anm_s/ordering.py", "random"),

@@ -10,7 +10,7 @@ from anm_mj.control.action_motion import action_motion
 from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.return_to_start import Returning
+from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.types import ARRIVED_M, FREE, OCCUPIED, TURN_STEP_RAD, Action, Footprint, Plan, Pose2, StopReason, VoxelGrid
 from tests.box_room import observe
 
@@ -33,7 +33,7 @@ def mapper_of(grid):
     def sdf(points):
         return np.full(len(points), 0.1, np.float32)
 
-    return Mock(occupancy=grid, sdf=sdf, truncation_m=0.1)
+    return Mock(occupancy_grid=lambda: grid, sdf=sdf, truncation_m=0.1)
 
 
 class Goes:
@@ -78,7 +78,7 @@ def drive(policy, mapper, num_steps):
 
 
 def returning(policy, num_steps):
-    return Returning(policy, PlanningConfig(), BODY, num_steps)
+    return ReturnToStart(policy, PlanningConfig(), BODY, num_steps)
 
 
 def is_back(pose):
@@ -132,4 +132,4 @@ def test_a_way_that_is_blocked_is_said():
     nearest = Pose2(*plan.path_xy_m[-1], 0.0)
     plan = policy.plan(mapper_of(grid), observe(90, nearest))
     assert plan.stop is StopReason.COMPLETE
-    assert "no way leads back" in plan.reason
+    assert "no path leads back" in plan.reason

@@ -11,8 +11,9 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_floorplan import import_floorplan, is_floorplan, read_floorplan
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
+from tests.public_scenes import PUBLIC_SCENES
 
-_DEV = Path(__file__).resolve().parents[3] / "../shared/scenes/dev/floorplans"
+_PUBLIC = PUBLIC_SCENES / "floorplans"
 _CORNERS = [{"x": x, "y": 0, "z": z} for x, z in ((0, 0), (0, 4), (3, 4), (3, 0))]
 _ROOM = {"id": "room|1", "roomType": "Bedroom", "floorPolygon": _CORNERS}
 
@@ -269,10 +270,10 @@ def test_what_is_no_plan_is_refused_in_a_sentence(text, said, tmp_path):
         import_floorplan(src, tmp_path / "out")
 
 
-@pytest.mark.skipif(not _DEV.is_dir(), reason="the development floor plans are not here")
+@pytest.mark.skipif(not _PUBLIC.is_dir(), reason="ANM_MJ_PUBLIC_SCENES names no folder with floor plans")
 @pytest.mark.parametrize("number", [38, 52])
 def test_real_plans_keep_their_rooms_doors_and_area(number):
-    src = _DEV / f"kth_dev_{number:03d}.json"
+    src = _PUBLIC / f"kth_dev_{number:03d}.json"
     plan = json.loads(src.read_text())
     _, building, _ = read_floorplan(src)
 

@@ -12,8 +12,8 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.named_scenes import find_named
-from tests.cli.test_cli import fails
-from tests.scene.importing.readers.mjcf.test_read_world import room_xml, write_world
+from tests.cli.test_main import fails
+from tests.scene.importing.readers.mjcf.worlds import room_xml, write_world
 
 
 @pytest.fixture(autouse=True)

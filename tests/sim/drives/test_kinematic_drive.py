@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
@@ -9,7 +8,7 @@ from hypothesis import strategies as st
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2, StopReason, Twist, WheelSpeeds
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2, WheelSpeeds
 from tests.robots import clearance_of
 
 _EXACT = 1e-9
@@ -97,37 +96,3 @@ def test_a_scene_without_the_robot_is_refused(compile_scene, description):
     free = clearance_of()
     with pytest.raises(RobotError, match='no joint "robot/base"'):
         KinematicDrive(*compile_scene(), description, free, prefix="robot/")
-
-
-@pytest.mark.parametrize("left", [True, False])
-def test_a_wheel_that_sticks_is_noticed_at_once_and_given_up_after_six_actions(drive, left, caplog):
-    drive.act(Action.MOVE_FORWARD)
-    before = drive.pose
-    drive.stick(left=left, right=not left)
-    results = [drive.act(Action.MOVE_FORWARD)]
-    # The robot turns about the wheel that sticks.
-    sign = 1.0 if left else -1.0
-    assert drive.pose.yaw_rad - before.yaw_rad == pytest.approx(sign * FORWARD_STEP_M / 0.30, abs=_EXACT)
-    assert results[0].moved_m == pytest.approx(FORWARD_STEP_M / 2.0)
-    speeds = results[0].wheel_speeds
-    assert (speeds.left_radps if left else speeds.right_radps) == pytest.approx(0.0, abs=_EXACT)
-    side = "left" if left else "right"
-    assert [record.message for record in caplog.records] == [
-        f"The {side} wheel turned by 0.00 rad where it was driven by 1.30 rad."
-    ]
-    turns = [Action.TURN_LEFT, Action.TURN_RIGHT, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD]
-    results += [drive.act(action) for action in turns]
-    assert [result.fault for result in results] == [None] * 5 + [StopReason.WHEEL_STUCK]
-    # The encoders know.
-    assert drive.odometry.x_m == pytest.approx(drive.pose.x_m, abs=1e-6)
-    drive.stick(left=False, right=False)
-    assert drive.drive(Twist(-0.1, 0.0), 1.0).fault is None
-
-
-def test_a_wheel_that_sticks_does_not_let_the_robot_through_a_wall(drive):
-    drive.place(Pose2(1.0 - 0.2, 0.0, 0.0))
-    drive.stick(left=True, right=False)
-    results = [drive.act(Action.MOVE_FORWARD) for _ in range(3)]
-    assert results[-1].collided
-    assert 1.0 - drive.pose.x_m > 0.17
-    assert drive.look_at(np.array([0.0, -5.0, 0.5])).collided

@@ -9,8 +9,9 @@ import pytest
 from anm_mj.control.action_motion import action_motion
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
-from anm_mj.sim.drives.physics_drive import PhysicsDrive, PhysicsDriveConfig
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, StopReason
+from tests.robots import let_wheel_stick
 
 _WALL_AT_1M = '<geom type="box" pos="1.05 0 1" size="0.05 3 1"/>'
 
@@ -159,13 +160,6 @@ def test_the_same_actions_give_the_same_bits(make_drive):
     assert drive_once() == drive_once()
 
 
-def test_invalid_servo_settings():
-    with pytest.raises(RobotError, match=r"not a multiple of substep_s, 0\.003; for example 0\.021 is"):
-        PhysicsDriveConfig(substep_s=0.003)
-    with pytest.raises(RobotError, match=r"settle_s is -1\.0; it must be positive"):
-        PhysicsDriveConfig(settle_s=-1.0)
-
-
 def test_a_scene_without_the_robot_is_refused(compile_scene, description):
     with pytest.raises(RobotError, match='no joint "other/base"'):
         PhysicsDrive(*compile_scene(), description, prefix="other/")
@@ -173,9 +167,9 @@ def test_a_scene_without_the_robot_is_refused(compile_scene, description):
 
 @pytest.mark.parametrize("left", [True, False])
 def test_a_wheel_that_sticks_is_noticed_at_once_and_given_up_after_six_actions(make_drive, left, caplog):
-    drive, _ = make_drive()
+    drive, data = make_drive()
     assert drive.act(Action.MOVE_FORWARD).fault is None
-    drive.stick(left=left, right=not left)
+    let_wheel_stick(data.model, left=left)
     first = drive.act(Action.MOVE_FORWARD)
     speeds = first.wheel_speeds
     assert abs(speeds.left_radps if left else speeds.right_radps) < 0.01
@@ -184,7 +178,3 @@ def test_a_wheel_that_sticks_is_noticed_at_once_and_given_up_after_six_actions(m
     assert faults == [None] * 4 + [StopReason.WHEEL_STUCK]
     (said,) = [record.message for record in caplog.records]
     assert said.startswith(f"The {'left' if left else 'right'} wheel turned by 0.0")
-    drive.stick(left=False, right=False)
-    drive.place(Pose2(0.0, 0.0, 0.0))
-    assert drive.act(Action.MOVE_FORWARD).fault is None
-    assert drive.pose.x_m == pytest.approx(0.065, abs=0.003)

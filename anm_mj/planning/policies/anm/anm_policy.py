@@ -70,7 +70,12 @@ class Anm(ScanPolicy):
                 found = self._candidates(mapper.surface(pose.xy_m, EVERYWHERE_M), routes)
                 where = "anywhere"
         if not found:
-            return self._without_targets(Plan("", np.zeros((0, 2)), topdown=topdown, stage_ms=watch.ms))
+            if self._rotated:
+                reason, stop = "no target can be reached, even after a full rotation", StopReason.NO_REACHABLE_TARGET
+                return Plan(reason, stop=stop, topdown=topdown, stage_ms=watch.ms)
+            self._rotated = True
+            turns = (Action.TURN_LEFT,) * self.config.full_rotation_turns
+            return Plan("no target can be reached: one full turn", actions=turns)
         self._rotated = False
         away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > self.config.min_distance_m]
         best = max(away or found, key=lambda c: c.score)
@@ -111,23 +116,6 @@ class Anm(ScanPolicy):
     def _path_to(self, target_xy_m: Float[np.ndarray, "2"], routes: GridRoutes) -> Float[np.ndarray, "k 2"]:
         """The path that the robot drives for a target: up to ``arrived_m`` before it [m]."""
         return _cut_end(routes.path_to(target_xy_m), self.config.arrived_m)
-
-    def _without_targets(self, seen: Plan) -> Plan:
-        """One full rotation; if that does not help, stop."""
-        if not self._rotated:
-            self._rotated = True
-            return Plan(
-                "no target can be reached: one full turn",
-                np.zeros((0, 2)),
-                actions=(Action.TURN_LEFT,) * self.config.full_rotation_turns,
-            )
-        return Plan(
-            "no target can be reached, even after a full rotation",
-            np.zeros((0, 2)),
-            stop=StopReason.NO_REACHABLE_TARGET,
-            topdown=seen.topdown,
-            stage_ms=seen.stage_ms,
-        )
 
 
 def _clusters(points_m: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarray, " n"]:

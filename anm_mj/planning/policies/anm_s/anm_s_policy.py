@@ -36,11 +36,11 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
-from anm_mj.planning.policies.anm_s.contracted_edges import components
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
@@ -127,9 +127,12 @@ class AnmS:
         """The bootstrap rotation first, then the best vertex by tier and distance."""
         is_first, self._bootstrapped = not self._bootstrapped, True
         if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
-            return _rotation("bootstrap: a full rotation before the first decision", self.config.bootstrap_turns)
+            turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
+            return Plan("bootstrap: a full rotation before the first decision", actions=turns)
         now = self.stages.read(mapper, observation)
-        candidates = self._finder.find(now, self._guiding(now), mapper.occupancy, self.stages.topdown.trajectory_xy_m)
+        candidates = self._finder.find(
+            now, self._guiding(now), mapper.occupancy_grid(), self.stages.topdown.trajectory_xy_m
+        )
         for best in best_first(now, candidates, self.targets, self.config.target, self._rng):
             plan = self._go(now, candidates, int(best))
             if plan is not None:
@@ -164,19 +167,15 @@ class AnmS:
         self.targets.choose(xy, regions, unvisited=bool(candidates.unvisited[chosen]))
         distance_m = now.paths.distance_m[candidates.vertex]
         steps = distance_m / FORWARD_STEP_M
-        return Plan(
+        return now.plan(
             f"{self._why(now, candidates, chosen)}, {len(regions)} regions anchored, {distance_m[chosen]:.1f} m away",
-            path,
-            headings,
+            path_xy_m=path,
+            headings_rad=headings,
             valid_steps=self.config.replan_steps,
             candidates=tuple(
                 Candidate(now.graph.vertex_xy_m[n], float(s), float(s), float(c))
                 for n, s, c in zip(candidates.vertex, candidates.tier, steps, strict=True)
             ),
-            topdown=now.topdown,
-            graph=now.graph,
-            regions=now.regions,
-            stage_ms=now.watch.ms,
         )
 
     def _why(self, now: RegionState, candidates: Candidates, chosen: int) -> str:
@@ -194,8 +193,7 @@ class AnmS:
     def _to_the_unknown(self, now: RegionState) -> Plan | None:
         """To the nearest vertex beside the unknown that the robot was near to but not at, and a look into it.
 
-        The paper's graph goes on through unknown space, so that it has unvisited vertices behind a door that the robot
-        passed. This graph ends before the door, and its last vertex may count as visited.
+        The paper's graph goes on through unknown space: it has unvisited vertices behind a door that the robot passed.
         """
         graph = now.graph
         beside = np.flatnonzero(borders_unknown(graph, now.frontier_xy_m) & np.isfinite(now.paths.distance_m))
@@ -220,11 +218,7 @@ class AnmS:
     ) -> Plan | None:
         """To the nearest of some vertices that the robot was not at yet, and a look from there.
 
-        Args:
-            now: what the planning stages read out of the map.
-            vertices: indices of vertices that a path leads to.
-            look_at: place to look at from one of them, given by its number [m].
-            what: the robot looks into, for the reason.
+        ``look_at`` gives the place to look at from the vertex of a number [m]; the robot looks into ``what``.
         """
         xy = now.graph.vertex_xy_m[vertices]
         been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
@@ -238,15 +232,8 @@ class AnmS:
             return None
         self.targets.choose(xy[chosen], (), unvisited=False)
         towards = look_at(chosen) - xy[chosen]
-        return Plan(
-            f"every vertex is visited: a look into {what}, {distance_m[chosen]:.1f} m away",
-            path,
-            (math.atan2(towards[1], towards[0]),),
-            topdown=now.topdown,
-            graph=now.graph,
-            regions=now.regions,
-            stage_ms=now.watch.ms,
-        )
+        reason = f"every vertex is visited: a look into {what}, {distance_m[chosen]:.1f} m away"
+        return now.plan(reason, path_xy_m=path, headings_rad=(math.atan2(towards[1], towards[0]),))
 
     def _without_candidates(self, now: RegionState) -> Plan:
         """One full rotation, as in the authors' released code; if that brings nothing, stop."""
@@ -256,21 +243,12 @@ class AnmS:
         what = "every vertex is visited and no region is left" if reachable else "no vertex of the graph can be reached"
         if not self._rotated:
             self._rotated = True
-            return _rotation(f"{what}: another full rotation", FULL_ROTATION)
-        num_parts = len(np.unique(components(now.graph)[~reached]))
+            return Plan(f"{what}: another full rotation", actions=(Action.TURN_LEFT,) * FULL_ROTATION)
         if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
-            return _rotation(f"{what}: {TRY_AGAIN}", 1)
+            return Plan(f"{what}: {TRY_AGAIN}", actions=(Action.TURN_LEFT,))
+        num_parts = len(np.unique(connected_components(now.graph.edges, len(reached))[~reached]))
         complete = reachable and not self.stages.is_cut_off(reached)
-        return Plan(
+        return now.plan(
             f"{what}, even after a full rotation; parts of the graph out of reach: {num_parts}",
-            np.zeros((0, 2)),
             stop=StopReason.COMPLETE if complete else StopReason.NO_REACHABLE_TARGET,
-            topdown=now.topdown,
-            graph=now.graph,
-            regions=now.regions,
-            stage_ms=now.watch.ms,
         )
-
-
-def _rotation(reason: str, turns: int) -> Plan:
-    return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * turns)

@@ -33,11 +33,7 @@ class Bottlenecks:
 
 
 def edge_bottlenecks(graph: VoronoiGraph) -> Bottlenecks:
-    """The bottlenecks of all edges, exact to rounding.
-
-    Args:
-        graph: the road map.
-    """
+    """The bottlenecks of all edges of a graph, exact to rounding."""
     start, end = graph.vertex_xy_m[graph.edges[:, 0]], graph.vertex_xy_m[graph.edges[:, 1]]
     at_start, at_end = graph.clearance_m[graph.edges[:, 0]], graph.clearance_m[graph.edges[:, 1]]
     length = graph.edge_length_m

@@ -12,10 +12,12 @@ from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
 from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.policies.anm_s.tiers import tiers
 from anm_mj.planning.policies.anm_s.visited import seen_around, within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
+
+UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
+"""Weights of a vertex's properties in the authors' released code; they add up to its tier."""
 
 
 @dataclass(frozen=True)
@@ -28,19 +30,14 @@ class Candidates:
     near: Bool[np.ndarray, " n"]
     """Whether each lies in the local horizon."""
     tier: Int[np.ndarray, " n"]
-    """See :mod:`anm_mj.planning.policies.anm_s.tiers`; larger is better."""
+    """Which kind of vertex comes before which, whatever its distance (paper, section III-C); larger is better."""
 
 
 class CandidateFinder:
     """Finds the candidates of a decision; it remembers the view ahead."""
 
     def __init__(self, context: PolicyContext[AnmSConfig], targets: Targets):
-        """Start without a view.
-
-        Args:
-            context: what the policy is made from.
-            targets: the present target and those given up.
-        """
+        """Start without a view; ``targets`` are the present one and those given up."""
         self._config = context.settings
         self._horizon_m = context.planning.horizon_m
         self._footprint = context.footprint
@@ -62,13 +59,9 @@ class CandidateFinder:
         grid: VoxelGrid,
         trajectory_xy_m: list[Float[np.ndarray, "2"]],
     ) -> Candidates:
-        """Vertices that can be reached and are unvisited or have a region anchored to them.
+        """Vertices that can be reached and are unvisited or have one of some regions anchored to them.
 
-        Args:
-            now: what the planning stages read out of the map.
-            regions: those that guide the robot.
-            grid: the occupancy, with how near its surface was seen.
-            trajectory_xy_m: where the robot has been [m].
+        The grid tells how near surface was seen; the trajectory is where the robot has been [m].
         """
         anchored = np.array([region.vertex for region in regions], np.int64)
         decisions = np.union1d(now.decisions, self._kept(now))
@@ -90,7 +83,10 @@ class CandidateFinder:
         xy_m = now.graph.vertex_xy_m[vertex]
         near = self._in_horizon(now, xy_m)
         failed = self._targets.num_failures(xy_m) > 0
-        return Candidates(vertex, unvisited, near, tiers(unvisited, near, np.isin(vertex, anchored), failed))
+        # An anchored region counts in the local horizon alone.
+        seen = np.isin(vertex, anchored) & near
+        tier = UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * seen + FAILED * failed
+        return Candidates(vertex, unvisited, near, tier)
 
     def _kept(self, now: RegionState) -> Int[np.ndarray, " k"]:
         """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""

@@ -1,35 +1,42 @@
-"""Decision vertices: the vertices of the graph where paths meet, where they end, and a few on long paths between.
-
-Spurs are pruned before degrees are counted (:mod:`anm_mj.planning.policies.anm_s.spurs`). Long paths without a node,
-and circles, get vertices on them, so that every place is near one.
-"""
+"""Decision vertices: the vertices of the graph where paths meet, where they end, and a few on long paths between."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from scipy.spatial import KDTree
 
-from anm_mj.planning.policies.anm_s.contracted_edges import ContractedGraph
+from anm_mj.planning.policies.anm_s.contracted_edges import contracted_edges
 from anm_mj.types import VoronoiGraph
 
 SPACING_M = 2.0
 """No place on the pruned graph is farther than this from a decision vertex [m]."""
 
 
-def decision_vertices(graph: VoronoiGraph, contracted: ContractedGraph) -> Int[np.ndarray, " k"]:
+def decision_vertices(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
     """Nodes of the pruned graph, and vertices on its long edges and in its small parts, in ascending order.
 
     Args:
         graph: the road map.
-        contracted: the rest of it after :func:`~anm_mj.planning.policies.anm_s.spurs.prune_spurs`, contracted.
+        kept: vertices that :func:`~anm_mj.planning.policies.anm_s.spurs.prune_spurs` left.
     """
-    nodes = np.unique(contracted.ends)
+    used = kept[graph.edges].all(axis=1)
+    edges = graph.edges[used]
+    is_node = kept & (np.bincount(edges.ravel(), minlength=len(kept)) != 2)
+    contracted, ends = contracted_edges(edges, is_node)
+    circle = ends[contracted, 0] < 0
+    if circle.any():
+        # A circle gets a node, its widest vertex.
+        vertex, number = edges[circle, 0], contracted[circle]
+        order = np.lexsort((vertex, -graph.clearance_m[vertex], number))
+        is_node[vertex[order[np.unique(number[order], return_index=True)[1]]]] = True
+        contracted, ends = contracted_edges(edges, is_node)
+    nodes = np.unique(ends)
     # Shorter edges have an end near every vertex.
-    long = np.repeat(contracted.length_m >= 2.0 * SPACING_M, np.diff(contracted.start))
+    long = np.bincount(contracted, graph.edge_length_m[used], len(ends)) >= 2.0 * SPACING_M
     # Where all branches were spurs, a vertex without edges remains.
-    alone = np.setdiff1d(contracted.node, nodes)
-    left = np.union1d(contracted.vertex[long], alone)
+    alone = np.setdiff1d(np.flatnonzero(is_node), nodes)
+    left = np.union1d(edges[long[contracted]], alone)
     away = KDTree(graph.vertex_xy_m[nodes]).query(graph.vertex_xy_m[left], distance_upper_bound=SPACING_M)[0]
     left = left[np.isinf(away)]
     left = left[np.argsort(-graph.clearance_m[left], kind="stable")]

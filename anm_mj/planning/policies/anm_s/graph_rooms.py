@@ -51,11 +51,8 @@ class Rooms:
 def segment_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
     """The rooms of a graph and the doors between them; spurs have rooms too.
 
-    Args:
-        graph: the road map.
-        topdown: the map of the graph; it tells walls from furniture and from the unknown.
-        start_xy_m: where the exploration began [m]. The nearest room is room 0, and so on, so that most rooms keep
-            their numbers while the robot finds others.
+    The map tells walls from furniture and from the unknown. The room nearest to the start is room 0, and so on, so that
+    most rooms keep their numbers while the robot finds others.
     """
     places = edge_bottlenecks(graph)
     may_be_door = places.clearance_m <= DOOR_HALF_WIDTH_M

@@ -20,11 +20,7 @@ def view_headings(
 ) -> tuple[float, ...]:
     """Yaws to turn to, one after the other, until every region has been well in view.
 
-    Args:
-        regions: what the robot is to see.
-        xy_m: from where [m].
-        yaw_rad: heading before the first turn.
-        well_in_view_rad: a region this far off the camera's axis is well in view.
+    The robot stands at a place [m] with a heading [rad]; a region this far off the camera's axis is well in view.
     """
     headings: list[float] = []
     left = list(regions)

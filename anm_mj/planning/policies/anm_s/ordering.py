@@ -15,12 +15,7 @@ def best_first(
 ) -> Int[np.ndarray, " n"]:
     """The candidates from best to worst, the present target before all others.
 
-    Args:
-        now: what the planning stages read out of the map.
-        candidates: what is to be ordered.
-        targets: the present target and failures.
-        target: how to choose: one of ``TARGETS``.
-        rng: draws the random order.
+    ``target`` is how to choose, one of ``TARGETS``; ``rng`` draws the random order.
     """
     xy, distance = now.graph.vertex_xy_m[candidates.vertex], now.paths.distance_m[candidates.vertex]
     other = np.ones(len(xy), bool)

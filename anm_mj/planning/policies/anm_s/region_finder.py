@@ -57,14 +57,10 @@ class RegionFinder:
         radius_m: float,
         error_m: Float32[np.ndarray, " n"] | None = None,
     ) -> None:
-        """Replace the surface near a place.
+        """Replace the surface within ``radius_m`` of a place.
 
-        Args:
-            surface: the new surface.
-            centre_xy_m: the place [m].
-            radius_m: how far from it surface is replaced [m].
-            error_m: expected error of each point that observations can take away [m]; None where the map, now as
-                always, does not tell.
+        ``error_m`` is the expected error of each point that observations can take away [m]; None where the map, now as
+        always, does not tell.
         """
         old = self._points
         far = np.linalg.norm(old.xyz_m[:, :2] - centre_xy_m.astype(np.float32), axis=1) > radius_m
@@ -99,11 +95,7 @@ class RegionFinder:
         self._observed = {tuple(cube) for cube in observed.tolist()}
 
     def regions(
-        self,
-        graph: VoronoiGraph,
-        grid: VoxelGrid,
-        camera_height_m: float,
-        preferred: Int[np.ndarray, " v"] | None = None,
+        self, graph: VoronoiGraph, grid: VoxelGrid, camera_height_m: float, preferred: Int[np.ndarray, " v"]
     ) -> tuple[Region, ...]:
         """The regions that some vertex sees, most uncertain first.
 
@@ -123,48 +115,27 @@ class RegionFinder:
             uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
         else:
             uncertain &= self._error_m > self.config.region_error_m
-        patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
-        unobserved = np.ones(len(patches.cube), bool)
-        if self._observed:
-            unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
-        tiers = [np.arange(len(graph.vertex_xy_m))] if preferred is None else [preferred]
-        if preferred is not None:
-            tiers.append(np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred))
+        self._patches = patches = _Patches.of(
+            points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float)
+        )
+        unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
         anchor = np.full(len(patches.cube), -1, np.int64)
-        for vertices in tiers:
+        for vertices in (preferred, np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred)):
             left = np.flatnonzero((anchor < 0) & unobserved)
-            anchor[left] = _anchors(
-                patches.xyz_m[left],
-                patches.normal[left],
-                graph.vertex_xy_m,
-                vertices,
-                grid,
-                camera_height_m,
-                self.config,
-            )
-        self._patches = patches
+            place = patches.xyz_m[left], patches.normal[left]
+            anchor[left] = _anchors(*place, graph.vertex_xy_m, vertices, grid, camera_height_m, self.config)
         relative = points.uncertainty[uncertain] / median
         found = []
-        clusters = _clusters(patches, anchor, self.config.region_link_m)
-        cluster_of = np.full(len(patches.cube), -1)
-        for k, members in enumerate(clusters):
-            cluster_of[members] = k
-        cluster_of_point = cluster_of[patches.patch_of]
-        for k, members in enumerate(clusters):
+        for members in _clusters(patches, anchor, self.config.region_link_m):
             num_points = int(patches.num_points[members].sum())
             if num_points < self.config.region_min_members:
                 continue
             middle = np.average(patches.xyz_m[members], axis=0, weights=patches.num_points[members])
             nearest = members[np.argmin(np.linalg.norm(patches.xyz_m[members] - middle, axis=1))]
-            region = Region(
-                patches.xyz_m[nearest],
-                patches.normal[nearest],
-                num_points,
-                float(relative[cluster_of_point == k].mean()),
-                int(anchor[members[0]]),
-            )
-            found.append(region)
-            self._patches_of[tuple(region.centre_m.tolist())] = members
+            score = float(relative[np.isin(patches.patch_of, members)].mean())
+            centre_m, normal = patches.xyz_m[nearest], patches.normal[nearest]
+            found.append(Region(centre_m, normal, num_points, score, int(anchor[members[0]])))
+            self._patches_of[tuple(centre_m.tolist())] = members
         return tuple(sorted(found, key=lambda region: -region.score))
 
 
@@ -241,15 +212,6 @@ def _clusters(patches: _Patches, anchor: Int[np.ndarray, " p"], link_m: float) -
     return [anchored[label == k] for k in range(int(label.max()) + 1)]
 
 
-def _frontal(
-    view: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], config: PlanningConfig
-) -> Bool[np.ndarray, " n"]:
-    """Whether vectors from surface to camera stand steeply enough on it."""
-    length = np.maximum(np.linalg.norm(view, axis=1), 1e-9)
-    least = math.cos(math.radians(config.anchor_max_incidence_deg))
-    return (view * normal).sum(axis=1) >= least * length
-
-
 def _anchors(
     centre_m: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
@@ -271,7 +233,8 @@ def _anchors(
     place, rank = np.nonzero(np.isfinite(distance))
     vertex = vertices[rank_vertex[place, rank]]
     eye = np.column_stack([vertex_xy_m[vertex], np.full(len(place), camera_height_m)])
-    frontal = _frontal(eye - centre_m[place], normal[place], config)
+    view, least = eye - centre_m[place], math.cos(math.radians(config.anchor_max_incidence_deg))
+    frontal = (view * normal[place]).sum(axis=1) >= least * np.maximum(np.linalg.norm(view, axis=1), 1e-9)
     place, vertex, eye = place[frontal], vertex[frontal], eye[frontal]
     # The line of sight ends just in front of the surface: its own voxels would block it.
     visible = line_of_sight(grid, eye, centre_m[place] + 2 * grid.resolution_m * normal[place])

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.contracted_edges import contract
 from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
 from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
 from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
@@ -17,7 +17,7 @@ from anm_mj.planning.policies.anm_s.spurs import prune_spurs
 from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
-from anm_mj.types import Footprint, Observation, Region
+from anm_mj.types import Footprint, Observation, Plan, Region
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,18 +33,16 @@ class RegionState(PlanningState):
     room: Int[np.ndarray, " n"]
     """The room of each vertex; -1 for none, and where rooms are not looked for."""
 
+    def plan(self, reason: str, **decided: Any) -> Plan:
+        """A plan with what it was decided on, regions too."""
+        return super().plan(reason, regions=self.regions, **decided)
+
 
 class RegionStages(Stages):
     """Runs the shared stages, then those of the paper's policy."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint, *, with_rooms: bool = False):
-        """Start with nothing remembered.
-
-        Args:
-            config: the planner's settings.
-            footprint: the body.
-            with_rooms: whether rooms are looked for.
-        """
+        """Start with nothing remembered; ``with_rooms``: look for rooms."""
         super().__init__(config, footprint)
         self._with_rooms = with_rooms
         self.region_finder = RegionFinder(config)
@@ -56,7 +54,7 @@ class RegionStages(Stages):
         with now.watch.stage("rooms"):
             frontier = traversable_frontier(now.topdown, self.safe_m)
             kept = prune_spurs(graph, borders_unknown(graph, frontier))
-            decisions = decision_vertices(graph, contract(graph, kept))
+            decisions = decision_vertices(graph, kept)
             room = np.full(len(graph.vertex_xy_m), -1)
             if self._with_rooms:
                 room = segment_rooms(graph, now.topdown, self.topdown.trajectory_xy_m[0]).room
@@ -70,5 +68,5 @@ class RegionStages(Stages):
             self.region_finder.limit_range(observation.range_m)
             self.region_finder.update(mapper.surface(xy_m, radius_m, height_m), xy_m, radius_m, error_m)
             camera_height_m = float(observation.T_world_camera[2, 3])
-            regions = self.region_finder.regions(graph, mapper.occupancy, camera_height_m, decisions)
+            regions = self.region_finder.regions(graph, mapper.occupancy_grid(), camera_height_m, decisions)
         return RegionState(**vars(now), regions=regions, decisions=decisions, frontier_xy_m=frontier, room=room)

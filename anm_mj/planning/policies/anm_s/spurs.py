@@ -20,12 +20,7 @@ MAX_ROUNDS = 4
 
 
 def prune_spurs(graph: VoronoiGraph, borders_unknown: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which vertices are left without the spurs.
-
-    Args:
-        graph: the road map.
-        borders_unknown: vertices that keep the branches which end at them.
-    """
+    """Which vertices are left without the spurs; vertices beside the unknown keep the branches that end there."""
     kept = np.ones(len(graph.vertex_xy_m), bool)
     for _ in range(MAX_ROUNDS):
         edge = np.flatnonzero(kept[graph.edges].all(axis=1))

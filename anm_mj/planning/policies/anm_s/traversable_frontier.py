@@ -23,12 +23,7 @@ def borders_unknown(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]
 
 
 def traversable_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f 2"]:
-    """The border of the unknown where a disc fits into it [m]; places outside of the map are unknown.
-
-    Args:
-        topdown: the map.
-        radius_m: of the disc [m].
-    """
+    """The border of the unknown where a disc of this radius fits into it; outside of the map is unknown [m]."""
     frontier = topdown.frontier_xy_m
     if not len(frontier):
         return frontier

@@ -28,16 +28,10 @@ def seen_around(
     footprint: Footprint,
     config: AnmSConfig,
 ) -> Bool[np.ndarray, " k"]:
-    """Whether the border around each vertex holds nothing unknown and was seen from near enough.
+    """Whether the border around each of some vertices holds nothing unknown and was seen from near enough.
 
-    Args:
-        graph: the Voronoi graph.
-        vertices: indices of the vertices.
-        topdown: the map that the graph was made from.
-        frontier_xy_m: border of the unknown that the robot fits into [m].
-        grid: the occupancy, with how near its surface was seen.
-        footprint: its heights are those between which the border must have been seen.
-        config: what is near enough.
+    Only the unknown that the robot fits into counts (``frontier_xy_m``); the border must have been seen between the
+    heights of the body. The grid tells from how near.
     """
     seen = np.zeros(len(vertices), bool)
     border = topdown.surface_xy_m

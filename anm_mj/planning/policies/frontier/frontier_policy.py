@@ -71,7 +71,7 @@ class _Frontier:
     """Cells between it and the robot."""
 
 
-class _Goal(NamedTuple):
+class _Target(NamedTuple):
     contact_xy_m: Float[np.ndarray, "2"]
     """The chosen frontier [m]."""
     place_xy_m: Float[np.ndarray, "2"]
@@ -89,7 +89,7 @@ class Frontier(ScanPolicy):
         """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
         self.config = context.settings
         super().__init__(context, self.config.range_m)
-        self._chosen: _Goal | None = None
+        self._chosen: _Target | None = None
         self._given_up_xy_m = np.zeros((0, 2))
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -124,11 +124,11 @@ class Frontier(ScanPolicy):
             return self._go("the same frontier as before", routes, left, watch)
         if not left:
             reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
-            return Plan(reason, np.zeros((0, 2)), stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
+            return Plan(reason, stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
         away = [math.dist(f.contact_xy_m, pose.xy_m) >= self.config.min_distance_m for f, _ in left]
         frontier, place = left[away.index(True) if any(away) else -1]
         needed = routes.cost_at(place) / FORWARD_STEP_M + NUM_HEADINGS
-        self._chosen = _Goal(frontier.contact_xy_m, place, observation.step + math.ceil(OVERTIME * needed))
+        self._chosen = _Target(frontier.contact_xy_m, place, observation.step + math.ceil(OVERTIME * needed))
         reason = (
             f"nearest of {len(left)} frontiers at least {self.config.min_distance_m:g} m away: "
             f"{frontier.num_cells} cells, {frontier.hops * topdown.resolution_m:.1f} m off"
@@ -137,12 +137,12 @@ class Frontier(ScanPolicy):
 
     def _keep(
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"], routes: GridRoutes, step: int
-    ) -> _Goal | None:
+    ) -> _Target | None:
         """The present frontier and where to see it from; None when it is gone or the robot gives it up."""
-        goal, self._chosen = self._chosen, None
-        if goal is None:
+        target, self._chosen = self._chosen, None
+        if target is None:
             return None
-        contact, place = goal.contact_xy_m, goal.place_xy_m
+        contact, place = target.contact_xy_m, target.place_xy_m
         border = cell_to_world(np.argwhere(np.isfinite(hops)), topdown.origin_xy_m, topdown.resolution_m)
         if not (np.linalg.norm(border - contact, axis=1) < self.config.given_up_m).any():
             return None
@@ -151,15 +151,15 @@ class Frontier(ScanPolicy):
         if is_nearer or not math.isfinite(routes.cost_at(place)):
             place = nearest
         is_far = math.dist(contact, place) >= self.config.max_gap_m
-        if is_far or step > goal.last_step or _is_looked_at(contact, place, routes.pose):
+        if is_far or step > target.last_step or _is_looked_at(contact, place, routes.pose):
             self._given_up_xy_m = np.concatenate([self._given_up_xy_m, contact[None]])
             return None
-        return goal._replace(place_xy_m=place)
+        return target._replace(place_xy_m=place)
 
     def _go(
         self, reason: str, routes: GridRoutes, left: list[tuple[_Frontier, Float[np.ndarray, "2"]]], watch: Stopwatch
     ) -> Plan:
-        """The path to the present goal and a look at it."""
+        """The path to the present target and a look at it."""
         assert self._chosen is not None  # Both callers have just set it.
         contact, place = self._chosen.contact_xy_m, self._chosen.place_xy_m
         towards = contact - place
@@ -206,10 +206,8 @@ class Frontier(ScanPolicy):
 def frontiers(topdown: TopDownMap, pose: Pose2) -> list[_Frontier]:
     """Connected borders between unknown ground and the free ground around the robot, nearest first.
 
-    Args:
-        topdown: the map.
-        pose: where the flood over free cells begins. The flood and the borders spread over eight neighbours; a border
-            cell is met through one of its four.
+    The flood over free cells and the borders spread over eight neighbours; a border cell is met through one of its
+    four.
     """
     return _connected(topdown, _border_hops(topdown, pose))
 

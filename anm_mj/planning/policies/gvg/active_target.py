@@ -43,36 +43,30 @@ class ActiveTarget:
         """At its choice [m2]."""
         self.seen_before_m2 = seen_m2
         """Surface seen before its choice [m2]."""
-        self._plan = Plan("", np.zeros((0, 2)))
+        self._plan = Plan("")
         self._view_gain_m2 = 0.0
         self._decided_at_m2 = seen_m2
         self._num_reuses = 0
 
     def decide(self, viewpoint: Viewpoint, plan: Plan, *, view_gain_m2: float, seen_m2: float) -> None:
-        """Take over a full decision for this target.
-
-        Args:
-            viewpoint: where the target is now.
-            plan: what leads there.
-            view_gain_m2: new surface that the view alone is expected to show [m2].
-            seen_m2: surface seen so far [m2].
-        """
+        """Take over a full decision: where the target is now, what leads there, and the gain of the view alone."""
         self.viewpoint, self._plan = viewpoint, plan
         self._view_gain_m2, self._decided_at_m2, self._num_reuses = view_gain_m2, seen_m2, 0
 
     def is_near(self, xy_m: Float[np.ndarray, 2]) -> bool:
         """Whether a place is nearer to the target than candidates lie apart."""
-        return self._within_spacing(xy_m, self.viewpoint.xy_m)
+        return math.dist(xy_m, self.viewpoint.xy_m) < self._config.candidate_spacing_m
 
     def is_same(self, viewpoint: Viewpoint) -> bool:
         """Whether a viewpoint stands for this target: near it and its first place, with a view that overlaps most."""
-        near = self.is_near(viewpoint.xy_m) and self._within_spacing(viewpoint.xy_m, self._chosen.xy_m)
-        return near and abs(signed_turns(viewpoint.heading, self._chosen.heading)) <= self._view_side
+        near = math.dist(viewpoint.xy_m, self._chosen.xy_m) < self._config.candidate_spacing_m
+        turns = abs(signed_turns(viewpoint.heading, self._chosen.heading))
+        return near and self.is_near(viewpoint.xy_m) and turns <= self._view_side
 
     def is_reached(self, pose: Pose2) -> bool:
         """Whether the robot stands at the target and looks along its heading."""
-        there = float(np.linalg.norm(self.viewpoint.xy_m - pose.xy_m)) < NEAR_TARGET_M
-        return there and abs(wrap_angle(self.viewpoint.heading * TURN_STEP_RAD - pose.yaw_rad)) < TURN_STEP_RAD
+        error = wrap_angle(self.viewpoint.heading * TURN_STEP_RAD - pose.yaw_rad)
+        return math.dist(self.viewpoint.xy_m, pose.xy_m) < NEAR_TARGET_M and abs(error) < TURN_STEP_RAD
 
     def needs_decision(self, pose: Pose2, seen_m2: float) -> bool:
         """Whether a full decision is due: the target is reached, the plan done or old, or much new surface was seen."""
@@ -102,15 +96,7 @@ class ActiveTarget:
         topdown: TopDownMap,
         stage_ms: dict[str, float],
     ) -> Plan:
-        """The plan of the last full decision again.
-
-        Args:
-            path_xy_m: the rest of its path [m].
-            view_gain_m2: what the view is expected to show now [m2].
-            seen_m2: surface seen so far [m2].
-            topdown: the map as of now.
-            stage_ms: what it took to find that nothing has changed [ms].
-        """
+        """The plan of the last full decision again, with the rest of its path [m] and the map as of now."""
         self._num_reuses += 1
         reason = (
             f"plan reused: expected gain {view_gain_m2:.1f} m², "
@@ -126,6 +112,3 @@ class ActiveTarget:
         return there and all(
             abs(wrap_angle(yaw - pose.yaw_rad)) < 0.75 * TURN_STEP_RAD for yaw in self._plan.headings_rad
         )
-
-    def _within_spacing(self, a_m: Float[np.ndarray, 2], b_m: Float[np.ndarray, 2]) -> bool:
-        return float(np.linalg.norm(a_m - b_m)) < self._config.candidate_spacing_m

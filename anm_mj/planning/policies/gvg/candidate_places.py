@@ -39,7 +39,7 @@ class CandidatePlaces:
     @property
     def is_any_worth(self) -> bool:
         """Whether any view has the least gain that counts."""
-        return bool(self.gain_m2.max() >= self.config.min_gain_m2)
+        return self.best_gain_m2 >= self.config.min_gain_m2
 
     @property
     def discount_steps(self) -> float:
@@ -52,8 +52,7 @@ class CandidatePlaces:
     def shortlist(self, discount_steps: float) -> Int[np.ndarray, " k"]:
         """The robot's own place and the others with most discounted gain, at most one per square.
 
-        Args:
-            discount_steps: gain after this many steps counts 1/e.
+        Gain after ``discount_steps`` counts 1/e.
         """
         value = self.gain_m2 * np.exp(-self.steps / discount_steps)
         value[self.gain_m2 < self.config.min_gain_m2] = 0.0
@@ -75,11 +74,6 @@ def candidate_places(state: PlanningState, gain: InformationGain, config: GvgCon
 
     Gains come from the cache. Before no place is left with gain worth a step, all gains are computed anew: the cache
     may hold an old one for a place nearby.
-
-    Args:
-        state: graph and paths.
-        gain: gives the gains.
-        config: spacing of the places.
     """
     reachable = np.isfinite(state.paths.distance_m)
     # A vertex at the robot's own place costs more turns than it shows.
@@ -99,8 +93,6 @@ def _thinned(state: PlanningState, usable: Bool[np.ndarray, " n"], spacing_m: fl
     vertices = np.flatnonzero(usable)
     square = np.floor(state.graph.vertex_xy_m[vertices] / spacing_m).astype(np.int64)
     order = np.lexsort((-state.graph.clearance_m[vertices], square[:, 1], square[:, 0]))
-    square = square[order]
-    first = np.ones(len(order), bool)
-    first[1:] = (square[1:] != square[:-1]).any(axis=1)
+    _, first = np.unique(square[order], axis=0, return_index=True)
     kept = vertices[order[first]]
     return kept[np.argsort(state.paths.distance_m[kept], kind="stable")]

@@ -12,11 +12,7 @@ class GainCache:
     """Remembers gains by square; the squares have fixed places in the world."""
 
     def __init__(self, side_m: float) -> None:
-        """Start empty.
-
-        Args:
-            side_m: side of the squares [m].
-        """
+        """Start empty, with squares of this side [m]."""
         self._side_m = side_m
         self._key = np.zeros(0, np.int64)
         self._square = np.zeros((0, 2), np.int64)

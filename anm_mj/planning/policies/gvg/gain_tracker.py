@@ -22,18 +22,10 @@ class GainTracker:
         """Targets in a row that brought less than ``poor_target_m2``."""
 
     def close(self, target: ActiveTarget, *, seen_m2: float, expected_now_m2: float, pose: Pose2) -> bool:
-        """Judge a target that the robot has reached or turns away from.
+        """Judge a target that the robot has reached or turns away from; whether it brought little of what it promised.
 
-        A target that the robot leaves on the way, and that still expects as much, is not judged.
-
-        Args:
-            target: the target.
-            seen_m2: surface seen so far [m2].
-            expected_now_m2: gain that its view is expected to bring from now on [m2].
-            pose: where the robot stands.
-
-        Returns:
-            Whether the target failed: it brought little of its expected gain.
+        A target that the robot leaves on the way, and whose view is still expected to bring as much
+        (``expected_now_m2``), is not judged.
         """
         standing_m2 = self._config.standing_share * target.expected_gain_m2
         if not target.is_reached(pose) and expected_now_m2 >= standing_m2:

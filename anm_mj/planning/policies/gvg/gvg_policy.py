@@ -39,7 +39,7 @@ from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
-from anm_mj.planning.policies.gvg.view_tours import Tour, TourSearch
+from anm_mj.planning.policies.gvg.view_tours import Tour, best_tours
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
@@ -53,7 +53,6 @@ from anm_mj.types import (
     Pose2,
     StopReason,
     TopDownMap,
-    UnexploredPatch,
 )
 from anm_mj.utils.stopwatch import Stopwatch
 
@@ -118,34 +117,31 @@ class Gvg:
             if num_turns == AS_MANY_AS_NEEDED:
                 num_turns = FieldOfView.of(observation).turns_for_panorama
             turns = (Action.TURN_LEFT,) * num_turns
-            return Plan("bootstrap: a rotation before the first decision", np.zeros((0, 2)), actions=turns)
+            return Plan("bootstrap: a rotation before the first decision", actions=turns)
         watch = Stopwatch()
         topdown, window = self._stages.update_map(mapper, observation, watch)
         with watch.stage("gain"):
             gain = self._update_gain(mapper, observation, window)
             plan = self._reuse(topdown, observation.pose, gain, watch)
-        if plan is None:
-            state = self._stages.update_graph(topdown, observation.pose, watch)
-            with watch.stage("gain"):
-                if self._target is not None and self._target.is_reached(state.pose):
-                    self._close_target(gain, state.pose)
-                candidates = self._candidates(state, gain, mapper, observation)
-            with watch.stage("choice"):
-                plan = self._decide(state, candidates, gain)
-            if plan.stop is not None and (
-                self._stages.shrink_collisions(np.isfinite(state.paths.distance_m)) or self._drop_margin(state, gain)
-            ):
-                return Plan(TRY_AGAIN, np.zeros((0, 2)), actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
-            if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
-                self._improving, self._target = True, None
-                with watch.stage("gain"):
-                    candidates = self._candidates(state, gain, mapper, observation)
-                with watch.stage("choice"):
-                    plan = self._decide(state, candidates, gain)
-            if plan.stop is not None:
-                with watch.stage("choice"):
-                    plan = replace(plan, unexplored=self._unexplored(state, gain))
-        return plan
+        if plan is not None:
+            return plan
+        state = self._stages.update_graph(topdown, observation.pose, watch)
+        with watch.stage("gain"):
+            if self._target is not None and self._target.is_reached(state.pose):
+                self._close_target(gain, state.pose)
+        plan = self._decide(state, gain, mapper, observation)
+        if plan.stop is not None and (
+            self._stages.shrink_collisions(np.isfinite(state.paths.distance_m)) or self._drop_margin(state, gain)
+        ):
+            return Plan(TRY_AGAIN, actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
+        if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
+            self._improving, self._target = True, None
+            plan = self._decide(state, gain, mapper, observation)
+        if plan.stop is None:
+            return plan
+        with watch.stage("choice"):
+            limits = {"safe_m": state.paths.safe_m, "range_m": gain.range_m, "camera": gain.camera}
+            return replace(plan, unexplored=unexplored_patches(gain.occupancy, topdown, state.pose, **limits))
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Mark the obstacle in the map and drop the target."""
@@ -157,7 +153,7 @@ class Gvg:
         is_first = self._gain is None
         if self._gain is None:
             self._gain = InformationGain(self.config, FieldOfView.of(observation))
-        self._gain.update(mapper.occupancy, window)
+        self._gain.update(mapper.occupancy_grid(), window)
         if is_first and self._tried is not None:
             self._gain.take_tried(self._tried.astype(float))
             self._tried = None
@@ -179,17 +175,6 @@ class Gvg:
     def _can_improve(self, mapper: Mapper) -> bool:
         """Whether views could count what they improve, and do not yet."""
         return not self._improving and isinstance(mapper, EstimatesErrors)
-
-    def _candidates(
-        self, state: PlanningState, gain: InformationGain, mapper: Mapper, observation: Observation
-    ) -> CandidatePlaces:
-        """The places to compare, with the gain of their best view; of improvement too, once that counts."""
-        due = self._target is None or observation.step >= self._errors_read_step + self.config.improvement_steps
-        if self._improving and due and isinstance(mapper, EstimatesErrors):
-            self._errors_read_step = observation.step
-            radius_m, xy_m = self.config.improvement_radius_m, state.pose.xy_m
-            gain.improve(mapper.surface_errors(xy_m, radius_m), xy_m, radius_m, observation.intrinsics.fx)
-        return candidate_places(state, gain, self.config)
 
     def _reuse(self, topdown: TopDownMap, pose: Pose2, gain: InformationGain, watch: Stopwatch) -> Plan | None:
         """The plan of the last full decision, if nothing was seen since that could change it."""
@@ -213,25 +198,36 @@ class Gvg:
         if self._tracker.close(target, seen_m2=gain.seen_m2, expected_now_m2=view.gain_m2, pose=pose):
             gain.suppress(view.cells, view.distance_m)
 
-    def _decide(self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain) -> Plan:
+    def _decide(self, state: PlanningState, gain: InformationGain, mapper: Mapper, observation: Observation) -> Plan:
         """A full decision: the first view of the best tour that a path leads to, or the end."""
+        with state.watch.stage("gain"):
+            due = self._target is None or observation.step >= self._errors_read_step + self.config.improvement_steps
+            if self._improving and due and isinstance(mapper, EstimatesErrors):
+                self._errors_read_step = observation.step
+                radius_m, xy_m = self.config.improvement_radius_m, state.pose.xy_m
+                gain.improve(mapper.surface_errors(xy_m, radius_m), xy_m, radius_m, observation.intrinsics.fx)
+            candidates = candidate_places(state, gain, self.config)
+        with state.watch.stage("choice"):
+            return self._choose(state, candidates, gain)
+
+    def _choose(self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain) -> Plan:
         if not candidates.is_any_worth:
-            return self._stop(state, candidates, gain)
+            return self._stop(state, candidates)
         places, tours = self._best_tours(state, candidates, gain)
         for tour in tours[: self.config.max_tours]:
             first = tour.views[0]
-            path = np.zeros((0, 2)) if first.place == 0 else state.paths.path_to(int(places.vertex[first.place]))
+            path = state.paths.path_to(int(places.vertex[first.place])) if first.place else np.zeros((0, 2))
             if first.place and not len(path):
                 continue
             # Both judge by new surface, of which improvement brings none.
             residual = not self._improving and self._is_residual(tour)
             exhausted = not self._improving and self._tracker.is_exhausted(first.gain_m2)
             if residual or exhausted or tour.rate < self.config.min_rate_m2:
-                return self._stop(state, candidates, gain, stagnating=residual)
+                return self._stop(state, candidates, stagnating=residual)
             if len(path):
                 path = quantize_headings(path, state.topdown, state.paths.safe_m, state.pose)
-            return self._go(state, tour, places, path, _first_views(places, tours), gain)
-        return self._stop(state, candidates, gain)
+            return self._go(state, tour, path, places.xy_m[first.place], _first_views(places, tours), gain)
+        return self._stop(state, candidates)
 
     def _is_residual(self, tour: Tour) -> bool:
         """Whether the run stagnates and a tour expects too little to go on for."""
@@ -242,65 +238,52 @@ class Gvg:
     ) -> tuple[Places, list[Tour]]:
         """The best tours, best first, and the places that their views refer to."""
         costs = TravelCosts(state.paths)
-        near_steps, far_steps = self.config.discount_steps, candidates.discount_steps
-        near = self._search(state, candidates, gain, costs, near_steps)
-        if far_steps <= self.config.far_discount_ratio * near_steps:
-            return near
-        # Residual gain nearby must not come before a wing of the building, nor the wing before the rest of a room.
-        far = self._search(state, candidates, gain, costs, far_steps)
-        return far if self._rate(*far) > self.config.far_rate_ratio * self._rate(*near) else near
-
-    def _search(
-        self,
-        state: PlanningState,
-        candidates: CandidatePlaces,
-        gain: InformationGain,
-        costs: TravelCosts,
-        discount_steps: float,
-    ) -> tuple[Places, list[Tour]]:
-        """The best tours for one discount, and the places that their views refer to."""
-        short = candidates.shortlist(discount_steps)
-        xy_m = candidates.xy_m[short]
-        places = Places(xy_m, candidates.vertex[short], *gain.ray_gains(xy_m))
-        preference = np.array([self._preference(xy) for xy in xy_m])
-        search = TourSearch(
-            TransitionTable(places, costs, gain.view_side), discount_steps=discount_steps, preference=preference
+        heading, limits = (
+            sector_of(state.pose.yaw_rad),
+            {"depth": self.config.tour_depth, "width": self.config.tour_width},
         )
-        depth, width = self.config.tour_depth, self.config.tour_width
-        return places, search.best(sector_of(state.pose.yaw_rad), depth=depth, width=width)
 
-    def _preference(self, xy_m: Float[np.ndarray, 2]) -> float:
-        """Factor on what tours that begin at a place are worth: hysteresis for the present target."""
-        return self.config.hysteresis if self._target is not None and self._target.is_near(xy_m) else 1.0
+        def search(discount_steps: float) -> tuple[Places, list[Tour], float]:
+            """The same for one discount, and the value of the best tour's start times its gain per step [m2]."""
+            short = candidates.shortlist(discount_steps)
+            places = Places(candidates.xy_m[short], candidates.vertex[short], *gain.ray_gains(candidates.xy_m[short]))
+            is_target = [self._target is not None and self._target.is_near(xy) for xy in places.xy_m]
+            preference = np.where(is_target, self.config.hysteresis, 1.0)
+            table = TransitionTable(places, costs, gain.view_side)
+            tours = best_tours(table, heading, discount_steps=discount_steps, preference=preference, **limits)
+            return places, tours, float(preference[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
 
-    def _rate(self, places: Places, tours: list[Tour]) -> float:
-        """Expected new surface of the best tour per step, with the preference for the present target [m2]."""
-        return self._preference(places.xy_m[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
+        near_steps, far_steps = self.config.discount_steps, candidates.discount_steps
+        places, tours, rate = search(near_steps)
+        if far_steps > self.config.far_discount_ratio * near_steps:
+            # Residual gain nearby must not come before a wing of the building, nor the wing before the rest of a room.
+            far_places, far_tours, far_rate = search(far_steps)
+            if far_rate > self.config.far_rate_ratio * rate:
+                return far_places, far_tours
+        return places, tours
 
     def _go(
         self,
         state: PlanningState,
         tour: Tour,
-        places: Places,
         path: Float[np.ndarray, "k 2"],
+        xy_m: Float[np.ndarray, 2],
         first_views: tuple[Candidate, ...],
         gain: InformationGain,
     ) -> Plan:
         """The plan that leads to the first view of a tour, which becomes the target or stays it."""
         first, pose = tour.views[0], state.pose
-        viewpoint = Viewpoint(places.xy_m[first.place], first.heading)
+        viewpoint = Viewpoint(xy_m, first.heading)
         kept = self._target is not None and self._target.is_same(viewpoint)
         if not kept:
             self._close_target(gain, pose)
-        target = self._target if kept else None
-        if target is None:
-            target = ActiveTarget(
-                viewpoint,
-                expected_gain_m2=first.gain_m2,
-                seen_m2=gain.seen_m2,
-                config=self.config,
-                view_side=gain.view_side,
-            )
+        target = self._target or ActiveTarget(
+            viewpoint,
+            expected_gain_m2=first.gain_m2,
+            seen_m2=gain.seen_m2,
+            config=self.config,
+            view_side=gain.view_side,
+        )
         # A heading that the robot can have: the sector's own may lie half a turn step beside it.
         yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
         purpose = " to improve the map" if self._improving else ""
@@ -309,66 +292,34 @@ class Gvg:
             f"{path_steps(path, pose.yaw_rad, yaw):.0f} steps "
             f"(tour: {len(tour.views)} views, {tour.gain_m2:.1f} m² in {tour.steps:.0f} steps)"
         )
-        plan = Plan(
-            reason,
-            path,
-            (yaw,),
-            valid_steps=self.config.replan_steps,
-            candidates=first_views,
-            topdown=state.topdown,
-            graph=state.graph,
-            stage_ms=state.watch.ms,
-        )
+        steps = self.config.replan_steps
+        plan = state.plan(reason, path_xy_m=path, headings_rad=(yaw,), valid_steps=steps, candidates=first_views)
         target.decide(viewpoint, plan, view_gain_m2=gain.expected_view(viewpoint).gain_m2, seen_m2=gain.seen_m2)
         self._target = target
         return plan
 
-    def _stop(
-        self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain, *, stagnating: bool = False
-    ) -> Plan:
+    def _stop(self, state: PlanningState, candidates: CandidatePlaces, *, stagnating: bool = False) -> Plan:
         """The end of the run, with the reason."""
-        config, best_m2 = self.config, candidates.best_gain_m2
-        num_places = len(candidates.vertex)
-        stop = StopReason.COMPLETE
+        config, num_places = self.config, len(candidates.vertex)
+        best = f"best expected gain of {num_places} reachable places: {candidates.best_gain_m2:.2f} m²"
+        stop, reason = StopReason.COMPLETE, best
         if self._improving:
-            reason = f"best expected gain of {num_places} reachable places, with improvement: {best_m2:.2f} m²"
-        elif self._tracker.is_exhausted(best_m2):
-            reason = (
-                f"the last {self._tracker.num_poor} targets brought less than {config.poor_target_m2:g} m² each; "
-                f"best expected gain of {num_places} reachable places: {best_m2:.2f} m²"
-            )
+            reason = f"with improvement, {best}"
+        elif self._tracker.is_exhausted(candidates.best_gain_m2):
+            num_poor = self._tracker.num_poor
+            reason = f"the last {num_poor} targets brought less than {config.poor_target_m2:g} m² each; {best}"
         elif num_places == 1 and candidates.num_unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no path leads to any of {candidates.num_unreachable} vertices"
         elif self._stages.is_cut_off(np.isfinite(state.paths.distance_m)):
             stop = StopReason.NO_REACHABLE_TARGET
-            reason = f"no path leads to {candidates.num_unreachable} vertices since a step was refused"
+            reason = f"no path leads to {candidates.num_unreachable} vertices since a collision"
         elif stagnating:
             reason = (
                 f"stagnation: next to no new surface in the last {config.stagnation_share:.0%} of the steps, and the "
                 f"best tour among {num_places} reachable places has less than {config.stagnation_gain_m2:g} m²"
             )
-        else:
-            reason = f"best expected gain of {num_places} reachable places: {best_m2:.2f} m²"
-        return Plan(
-            reason,
-            np.zeros((0, 2)),
-            stop=stop,
-            topdown=state.topdown,
-            graph=state.graph,
-            stage_ms=state.watch.ms,
-        )
-
-    def _unexplored(self, state: PlanningState, gain: InformationGain) -> tuple[UnexploredPatch, ...]:
-        """What stays unexplored where the run ends."""
-        return unexplored_patches(
-            gain.occupancy,
-            state.topdown,
-            state.pose,
-            safe_m=state.paths.safe_m,
-            range_m=gain.range_m,
-            camera=gain.camera,
-        )
+        return state.plan(reason, stop=stop)
 
 
 def _first_views(places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:

@@ -28,12 +28,7 @@ class ExpectedImprovement:
     """Remembers the errors of the surface and answers how much of them a view takes away."""
 
     def __init__(self, focal_px: float, voxel_m: float) -> None:
-        """Start without any surface.
-
-        Args:
-            focal_px: focal length of the camera [px].
-            voxel_m: edge of the voxels that observations are counted on [m].
-        """
+        """Start without any surface; observations are counted on voxels of this edge."""
         self._voxel_px_m = focal_px * voxel_m
         """A voxel spans this many pixels at a depth of 1 m."""
         self._exponent = 0.0
@@ -58,12 +53,7 @@ class ExpectedImprovement:
         self._xy_m = np.concatenate([xy, self._xy_m[far]])[first]
 
     def share(self, xyz_m: Float[np.ndarray, "n 3"], distance_m: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-        """Unseen surface that a view of surface is worth, per area [m2 per m2]; 0 where no error is known.
-
-        Args:
-            xyz_m: the surface [m].
-            distance_m: how far from the camera it lies [m].
-        """
+        """Unseen surface that a view of surface is worth per area [m2 per m2]; 0 where no error is known."""
         if not len(self._key):
             return np.zeros(len(xyz_m), np.float32)
         key = _keys(xyz_m)

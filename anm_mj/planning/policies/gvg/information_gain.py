@@ -22,15 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from anm_mj import _native
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
-from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.planning.policies.gvg.pooling import POOL
-from anm_mj.planning.policies.gvg.ray_cache import RayCache
-from anm_mj.planning.policies.gvg.ray_casting import GainRule, Rays, unknown_gains
+from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
+from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
 from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, SurfaceErrors, VoxelGrid
 
@@ -103,11 +102,7 @@ class InformationGain:
     ) -> None:
         """Count from now on what views improve of surface that is known already.
 
-        Args:
-            errors: how well the map knows its surface.
-            centre_xy_m: the errors are those within ``radius_m`` of this place [m].
-            radius_m: elsewhere, what was known before stays [m].
-            focal_px: focal length of the camera [px].
+        The errors are those within ``radius_m`` of a place; elsewhere, what was known before stays.
         """
         if self._improvement is None:
             self._improvement = ExpectedImprovement(focal_px, self.occupancy.cell_m / POOL)
@@ -126,9 +121,8 @@ class InformationGain:
     def suppress(self, cells: Int[np.ndarray, " n"], distance_m: Float[np.ndarray, " n"]) -> None:
         """Expect those of some cells that are unknown only from clearly nearer than given distances.
 
-        Args:
-            cells: flat indices into the occupancy.
-            distance_m: from how far a view had each cell in sight, or should have had it [m].
+        Cells are flat indices into the occupancy; ``distance_m`` is from how far a view had each in sight, or should
+        have had it.
         """
         tried = self.occupancy.tried_from_m.reshape(-1)
         nearer = (self.occupancy.state.ravel()[cells] == UNKNOWN) & (distance_m < TRIAL_STEP * tried[cells])
@@ -146,11 +140,7 @@ class InformationGain:
         return np.column_stack((self.occupancy.centres(cells), tried_m[cells]))
 
     def take_tried(self, tried: Float[np.ndarray, "n 4"]) -> None:
-        """Expect as little of cells as a former run did; the map must hold that run already.
-
-        Args:
-            tried: as :attr:`tried` was at its end.
-        """
+        """Expect as little of cells as a prior run did (:attr:`tried`); the map must hold that run already."""
         inside = self.occupancy.contains(tried[:, :3])
         self.suppress(self.occupancy.flat_index(tried[inside, :3]), tried[inside, 3])
 
@@ -159,9 +149,7 @@ class InformationGain:
     ) -> Float[np.ndarray, "n azimuths"]:
         """Expected new surface in each azimuth sector of places [m2], for their squares from the cache where possible.
 
-        Args:
-            places_xy_m: the places [m].
-            fresh: compute all gains anew, at exactly these places.
+        With ``fresh``, all gains are computed anew, at exactly these places.
         """
         if self._changed is not None:
             low, high = self._changed
@@ -176,12 +164,7 @@ class InformationGain:
         return gain_m2
 
     def best_view_gains(self, places_xy_m: Float[np.ndarray, "n 2"], *, fresh: bool = False) -> Float[np.ndarray, " n"]:
-        """Gain of the best view at each place [m2].
-
-        Args:
-            places_xy_m: the places [m].
-            fresh: whether to compute all gains anew.
-        """
+        """Gain of the best view at each place [m2]; see :meth:`sector_gains`."""
         return view_gains(self.sector_gains(places_xy_m, fresh=fresh), 2 * self.view_side + 1).max(axis=1)
 
     def ray_gains(
@@ -208,15 +191,11 @@ class InformationGain:
     def _ray_gains(self, rays: Rays) -> Float32[np.ndarray, "n rays"]:
         """Expected new surface of each ray [m2]."""
         occupancy, config = self.occupancy, self._config
-        rule = GainRule(
-            cell_m=occupancy.cell_m,
-            max_depth_m=config.max_unknown_depth_m,
-            range_m=self.range_m,
-            suppressed_share=config.suppressed_share,
-            solid_angle=self._rays.solid_angle,
-        )
-        distance_m = self._rays.distance_m
-        gain_m2 = unknown_gains(rays, distance_m, occupancy.layer_share, occupancy.tried_from_m, rule)
+        limits = config.max_unknown_depth_m, self.range_m, config.suppressed_share
+        rule = np.array([occupancy.cell_m, *limits, self._rays.solid_angle], np.float32)
+        gain_m2 = np.empty(rays.hit.shape, np.float32)
+        # Zero where a ray does not end in the unknown.
+        _native.ray_gains(*rays, self._rays.distance_m, occupancy.layer_share, occupancy.tried_from_m, rule, gain_m2)
         if self._improvement is not None:
             at = np.nonzero(rays.state == OCCUPIED)
             distance_m = self._rays.distance_m[rays.sample[at]]
@@ -242,12 +221,7 @@ class InformationGain:
 
 
 def view_gains(sector_gain_m2: Float[np.ndarray, "n azimuths"], width: int) -> Float[np.ndarray, "n azimuths"]:
-    """Gain of the view that begins at each azimuth sector and covers the next ones in its field of view [m2].
-
-    Args:
-        sector_gain_m2: gain of each sector [m2].
-        width: sectors that a view covers.
-    """
+    """Gain of the view that begins at each azimuth sector and covers ``width`` of them [m2]."""
     start = np.zeros((len(sector_gain_m2), 1))
     total = np.cumsum(np.concatenate([start, sector_gain_m2, sector_gain_m2[:, : width - 1]], axis=1), axis=1)
     return np.maximum(total[:, width:] - total[:, :-width], 0.0)

@@ -13,11 +13,13 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
+from anm_mj import _native
 from anm_mj.planning.grid_windows import Window
-from anm_mj.planning.policies.gvg.pooling import POOL, PooledPart, pool
 from anm_mj.types import UNKNOWN, VoxelGrid
 from anm_mj.utils.arrays import embed
 
+POOL = 2
+"""Voxels along the edge of a cell."""
 BLOCK = 32
 """The grid grows by multiples of this many cells, so that it seldom does."""
 LOWEST_M = 0.2
@@ -27,14 +29,10 @@ USUAL_SHARE = 0.02
 
 
 class PooledOccupancy:
-    """Cells ``[layer, row, col]``: free, occupied, unknown, or ``KNOWN`` without surface of their own."""
+    """Cells ``[layer, row, col]``: free, occupied, unknown, or 2: known to hold no new surface, without being free."""
 
     def __init__(self, rim_m: float) -> None:
-        """Start empty.
-
-        Args:
-            rim_m: width of the rim of unknown around what was observed [m].
-        """
+        """Start empty; the rim of unknown around what was observed is this wide [m]."""
         self.rim_m = rim_m
         self.cell_m = 0.0
         self.origin_m = np.zeros(3)
@@ -78,18 +76,19 @@ class PooledOccupancy:
         # Whole cells only: their first voxel has an even index from this grid's own origin. What borders on surface
         # counts as known: to know that, one cell more is written on all sides and another one looked at.
         low, high = np.array([floor, rows.start, cols.start]), np.array([shape[0], rows.stop, cols.stop])
-        low = low - (low + offset) % POOL - [0, 2 * POOL, 2 * POOL]
-        high = high + (high + offset) % POOL + [0, 2 * POOL, 2 * POOL]
-        to = (low + offset) // POOL + [0, 1, 1]
-        no_floor = math.floor(-self.origin_m[2] / self.cell_m) - int(to[0])
-        part = PooledPart(low, (high - low) // POOL, no_floor, to)
-        changed = pool(grid.state, part, self.state, self._num_free, self._num_surface)
+        low = low - (low + offset) % POOL - np.array([0, 2 * POOL, 2 * POOL])
+        high = high + (high + offset) % POOL + np.array([0, 2 * POOL, 2 * POOL])
+        to = (low + offset) // POOL + np.array([0, 1, 1])
+        floor_layer = math.floor(-self.origin_m[2] / self.cell_m) - int(to[0])
+        low, size, to = (np.ascontiguousarray(three, np.int64) for three in (low, (high - low) // POOL, to))
+        counts = self._num_free, self._num_surface
+        changed = _native.pool_window(grid.state, low, size, floor_layer, self.state, to, *counts)
         if changed is None:
             return None
         share = self._num_surface / np.maximum(self._num_free + self._num_surface, 1)
         self.layer_share[:] = np.where(self._num_free > 0, np.minimum(share / USUAL_SHARE, 1.0), 1.0)
-        rows, cols = changed
-        low, high = np.array([cols.start, rows.start]), np.array([cols.stop, rows.stop])
+        first_row, last_row, first_col, last_col = changed
+        low, high = np.array([first_col, first_row]), np.array([last_col, last_row])
         return self.origin_m[:2] + low * self.cell_m, self.origin_m[:2] + high * self.cell_m
 
     def contains(self, xyz_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
@@ -100,16 +99,7 @@ class PooledOccupancy:
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
-        return self.flat_index_of(*xyz_m.T)
-
-    def flat_index_of(
-        self, x_m: Float[np.ndarray, "*n"], y_m: Float[np.ndarray, "*n"], z_m: Float[np.ndarray, "*n"]
-    ) -> Int[np.ndarray, "*n"]:
-        """The same of points given by their coordinates, in arrays of any shape."""
-        col, row, layer = (
-            np.floor((along_m - self.origin_m[axis]) / self.cell_m).astype(np.int64)
-            for axis, along_m in enumerate((x_m, y_m, z_m))
-        )
+        col, row, layer = np.floor((xyz_m - self.origin_m) / self.cell_m).astype(np.int64).T
         _, rows, cols = self.state.shape
         return (layer * rows + row) * cols + col
 
@@ -135,17 +125,13 @@ class PooledOccupancy:
         if shape.all() and (low >= 0).all() and (high <= shape).all():
             return
         block = np.array([BLOCK, BLOCK, 1])
-        new_low = np.minimum(np.floor_divide(low, block) * block, 0)
-        new_high = -np.floor_divide(-high, block) * block
+        new_low, new_high = np.floor_divide(low, block) * block, -np.floor_divide(-high, block) * block
         if shape.all():
-            new_high = np.maximum(new_high, shape)
-        else:
-            new_low = np.floor_divide(low, block) * block
+            new_low, new_high = np.minimum(new_low, 0), np.maximum(new_high, shape)
         new_shape = tuple((new_high - new_low)[::-1].tolist())
-        start = -new_low[::-1] if shape.all() else np.zeros(3, int)
         for name, fill in (("state", UNKNOWN), ("tried_from_m", np.inf), ("_num_free", 0), ("_num_surface", 0)):
             old = getattr(self, name)
-            setattr(self, name, embed(old, new_shape[: old.ndim], start[: old.ndim], fill))
+            setattr(self, name, embed(old, new_shape[: old.ndim], -new_low[::-1][: old.ndim], fill))
         self.layer_share = np.ones(new_shape[0], np.float32)
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1

@@ -7,14 +7,15 @@ cache hold the rays of one place each; a place stands for the cell that contains
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
 
+from anm_mj import _native
 from anm_mj.errors import PlanError
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.planning.policies.gvg.ray_casting import Rays, cast_again
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
 
 INSIDE = 0.95
@@ -31,18 +32,24 @@ NEVER_CAST = -3
 """Marks rays that were not cast yet; not the state of any cell."""
 
 
+class Rays(NamedTuple):
+    """The rays of ``n`` places, ordered by azimuth, then by elevation."""
+
+    hit: Int32[np.ndarray, "n rays"]
+    """First cell that is not free, as a flat index into the occupancy."""
+    state: Int8[np.ndarray, "n rays"]
+    """State of that cell."""
+    sample: UInt8[np.ndarray, "n rays"]
+    """Number of the sample that lies in it."""
+    depth: UInt8[np.ndarray, "n rays"]
+    """Where that cell is unknown, the number of unknown cells from there on."""
+
+
 class RayCache:
     """Casts rays and remembers them as long as the cells they hit keep their state."""
 
     def __init__(self, occupancy: PooledOccupancy, *, camera: FieldOfView, range_m: float, num_elevations: int) -> None:
-        """Start empty.
-
-        Args:
-            occupancy: the grid that rays run through; it may change and grow.
-            camera: the height that rays start from, and their elevations.
-            range_m: length of the rays [m].
-            num_elevations: elevations within the camera's vertical field of view.
-        """
+        """Start empty; rays of this length run from the height of the camera at elevations within its view."""
         self._occupancy = occupancy
         self._camera_height_m = camera.height_m
         self._range_m = range_m
@@ -60,12 +67,7 @@ class RayCache:
         """Row of each cell of the camera's layer; -1 for none."""
         self._num_rows = 0
         self._start = np.zeros(0, np.int64)
-        self._rays = Rays(
-            np.zeros((0, num_rays), np.int32),
-            np.zeros((0, num_rays), np.int8),
-            np.zeros((0, num_rays), np.uint8),
-            np.zeros((0, num_rays), np.uint8),
-        )
+        self._rays = Rays(*(np.zeros((0, num_rays), kind) for kind in (np.int32, np.int8, np.uint8, np.uint8)))
 
     def cast(self, places_xy_m: Float[np.ndarray, "n 2"]) -> Rays:
         """The rays of places as the occupancy is now.
@@ -76,9 +78,9 @@ class RayCache:
         self._follow_layout()
         places_m = np.insert(places_xy_m, 2, self._camera_height_m, axis=1)
         rows = self._allocate(self._occupancy.flat_index(places_m))
-        all_rays = self._rays
-        cast_again(self._occupancy.state, self._offset, self._start, rows, all_rays)
-        return Rays(all_rays.hit[rows], all_rays.state[rows], all_rays.sample[rows], all_rays.depth[rows])
+        # Casts those again whose cell has another state now.
+        _native.cast_rays(self._occupancy.state, self._offset, self._start, rows, *self._rays)
+        return Rays(*(array[rows] for array in self._rays))
 
     def _allocate(self, start: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Rows of the cells that rays start in; new rows where there are none."""
@@ -91,14 +93,9 @@ class RayCache:
         self._num_rows += len(new)
         if self._num_rows > len(self._start):
             more = max(2 * self._num_rows, MIN_ROWS) - len(self._start)
-            old, pad = self._rays, ((0, more), (0, 0))
             self._start = np.pad(self._start, (0, more))
-            self._rays = Rays(
-                np.pad(old.hit, pad),
-                np.pad(old.state, pad, constant_values=NEVER_CAST),
-                np.pad(old.sample, pad),
-                np.pad(old.depth, pad),
-            )
+            self._rays = Rays(*(np.pad(array, ((0, more), (0, 0))) for array in self._rays))
+            self._rays.state[-more:] = NEVER_CAST
         rows = self._row_of[cell]
         self._start[rows] = start
         return rows

@@ -33,27 +33,11 @@ class Places:
     """Expected new surface of each ray [m2]."""
 
 
-@dataclass(frozen=True)
-class Transitions:
-    """All transitions from the ends of ``b`` tours to ``k`` places, with each of ``TURNS`` after arrival."""
-
-    arrival: Int[np.ndarray, "b k"]
-    """Azimuth sector along which the robot arrives."""
-    steps: Float[np.ndarray, "b k turns"]
-    gain_m2: Float[np.ndarray, "b k turns"]
-
-
 class TransitionTable:
     """Steps, headings and gains of the transitions between some places."""
 
     def __init__(self, places: Places, costs: TravelCosts, view_side: int) -> None:
-        """Compute the costs of all pairs of places.
-
-        Args:
-            places: where to look from.
-            costs: steps and headings of the paths between them.
-            view_side: sectors on either side of the middle one that a view covers.
-        """
+        """Compute the costs of all pairs of places; a view covers ``view_side`` sectors beside its middle one."""
         self._view_side = view_side
         self._swept = np.arange(-HALF_TURN - view_side, HALF_TURN + view_side + 1)
         """Azimuth sectors that turns can sweep over, relative to the first heading."""
@@ -70,13 +54,16 @@ class TransitionTable:
 
     def expand(
         self, place: Int[np.ndarray, " b"], heading: Int[np.ndarray, " b"], covered: Bool[np.ndarray, "b patches"]
-    ) -> Transitions:
-        """The transitions that tours can go on with.
+    ) -> tuple[Int[np.ndarray, "b k"], Float[np.ndarray, "b k turns"], Float[np.ndarray, "b k turns"]]:
+        """The transitions that tours can go on with, to each place and with each of ``TURNS`` after arrival.
 
         Args:
             place: where each tour ends.
             heading: azimuth sector that the robot looks along there.
             covered: patches that each tour has covered.
+
+        Returns:
+            Azimuth sectors along which the robot arrives, steps, and gains [m2].
         """
         each = np.arange(len(place))
         sector_gain = np.where(covered.take(self._patch, axis=1), np.float32(0.0), self._gain_m2).sum(axis=3)
@@ -91,7 +78,7 @@ class TransitionTable:
         steps = self._steps[place][:, :, None] + np.abs(turn_away)[:, :, None] + np.abs(TURNS)
         gain = leaving[:, :, None] + sweep_there
         gain[each, place] -= sweep_there[each, place, :1]
-        return Transitions(arrival, steps, gain)
+        return arrival, steps, gain
 
     def cover(
         self,
@@ -99,13 +86,7 @@ class TransitionTable:
         start: tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]],
         end: tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]],
     ) -> None:
-        """Mark what transitions cover.
-
-        Args:
-            covered: patches that each tour has covered; changed in place.
-            start: places and headings before the transitions.
-            end: places and headings after them.
-        """
+        """Mark in ``covered`` what transitions between two places and headings cover."""
         place, heading = start
         to, to_heading = end
         stays = place == to

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,30 +16,18 @@ MAX_SEGMENT_M = 5.0
 BEARING_LENGTH_M = 0.8
 """The bearing of a path's end is that of its last piece of this length [m]."""
 
-
-@dataclass(frozen=True)
-class _Path:
-    """The shortest path to a vertex."""
-
-    vertices: Int[np.ndarray, " n"]
-    """From the end back to the robot."""
-    arrival_rad: float
-    """Bearing at its end."""
-    departure_rad: float
-    """Bearing at the robot."""
+_Path = tuple[Int[np.ndarray, " n"], float, float]
+"""The vertices of a shortest path, from its end back to the robot, and its bearings at the end and at the robot
+[rad]."""
 
 
 class TravelCosts:
     """Paths between places: straight where each sees the other, else along the tree of shortest paths."""
 
     def __init__(self, tree: ShortestPathTree) -> None:
-        """Start without any path.
-
-        Args:
-            tree: shortest paths from the robot.
-        """
+        """Start without any path."""
         self._tree = tree
-        self._paths: dict[int, _Path] = {-1: _Path(np.zeros(0, np.int64), 0.0, 0.0)}
+        self._paths: dict[int, _Path] = {-1: (np.zeros(0, np.int64), 0.0, 0.0)}
 
     def between(
         self, xy_m: Float[np.ndarray, "k 2"], vertex: Int[np.ndarray, " k"]
@@ -54,7 +41,7 @@ class TravelCosts:
             vertex: their vertices of the graph; -1 for the robot's own place.
         """
         tree = self._tree
-        paths = [self._path(int(v)) for v in vertex]
+        vertices, arrivals, departures = zip(*(self._path(int(v)) for v in vertex), strict=True)
         difference = xy_m[None, :] - xy_m[:, None]
         straight = np.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
         near = np.argwhere(np.triu(straight < MAX_SEGMENT_M, 1))
@@ -62,13 +49,10 @@ class TravelCosts:
         direct = np.zeros(straight.shape, bool)
         direct[near[clear, 0], near[clear, 1]] = True
         direct |= direct.T
-        length = np.where(
-            direct, straight, np.maximum(self._along_tree(vertex, [path.vertices for path in paths]), straight)
-        )
+        length = np.where(direct, straight, np.maximum(self._along_tree(vertex, list(vertices)), straight))
 
         bearing = np.arctan2(difference[..., 1], difference[..., 0])
-        arrival = np.array([path.arrival_rad for path in paths])
-        first = np.array([path.departure_rad for path in paths])
+        arrival, first = np.array(arrivals), np.array(departures)
         leave = np.where(direct, bearing, (arrival + math.pi)[:, None])
         leave[0] = np.where(direct[0], bearing[0], first)
         arrive = np.where(direct, bearing, arrival[None, :])
@@ -77,24 +61,17 @@ class TravelCosts:
         return length / FORWARD_STEP_M + turning, _sector(leave), _sector(arrive)
 
     def _path(self, vertex: int) -> _Path:
-        """The shortest path to a vertex, computed once."""
         if vertex not in self._paths:
-            graph_xy_m, robot_xy_m = self._tree.graph.vertex_xy_m, self._tree.pose.xy_m
             vertices = np.array(self._tree.vertices_to(vertex))
-            xy_m = graph_xy_m[vertices]
+            xy_m, robot_xy_m = self._tree.graph.vertex_xy_m[vertices], self._tree.pose.xy_m
             arrival = _bearing(xy_m[0] - np.concatenate([xy_m, robot_xy_m[None]]))
-            self._paths[vertex] = _Path(vertices, arrival, _bearing(xy_m[::-1] - robot_xy_m))
+            self._paths[vertex] = vertices, arrival, _bearing(xy_m[::-1] - robot_xy_m)
         return self._paths[vertex]
 
     def _along_tree(
         self, vertex: Int[np.ndarray, " k"], vertices: list[Int[np.ndarray, " _"]]
     ) -> Float[np.ndarray, "k k"]:
-        """Length of the paths along the tree [m].
-
-        Args:
-            vertex: where the paths from the robot end; -1 for the robot's own place.
-            vertices: the vertices of each of them.
-        """
+        """Length of the paths along the tree, given the vertices of the path from the robot to each end [m]."""
         distance_m = self._tree.distance_m
         used, column = np.unique(np.concatenate(vertices), return_inverse=True)
         depth = np.zeros((len(vertices), len(used)), np.float32)

@@ -8,15 +8,14 @@ were looked at, though: that the camera measured nothing there is all that such 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64, Int, Int64
+from jaxtyping import Float, Float64, Int
 
 from anm_mj import _native
 from anm_mj.frames import pixel_directions
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.sensing.lost_pixels import BLOCK_PX, lost_squares
+from anm_mj.sensing.pixel_state import BLOCK_PX, missing_blocks, valid_pixels
 from anm_mj.types import Observation
 
 NEAREST_M = 0.25
@@ -25,25 +24,17 @@ MAX_WAITING = 40
 """Views kept until the next decision at most; a full rotation takes 36."""
 
 
-@dataclass(frozen=True)
-class UnmeasuredView:
-    """The rays of a view that measured nothing."""
-
-    origin_m: Float64[np.ndarray, "3"]
-    direction: Float64[np.ndarray, "n 3"]
-    """In the world, of horizontal length 1."""
-
-
 class UnmeasuredRays:
     """Collects the rays of views until the map holds these views, then finds what they looked into."""
 
     def __init__(self) -> None:
         """Start without any view."""
-        self._waiting: deque[UnmeasuredView] = deque(maxlen=MAX_WAITING)
+        self._waiting: deque[tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "n 3"]]] = deque(maxlen=MAX_WAITING)
+        """Where each view looked from and its rays that measured nothing, of horizontal length 1, in the world [m]."""
 
     def add(self, observation: Observation) -> None:
         """Note the directions in which a view measured nothing; none for a camera that says where it looked too far."""
-        lost = lost_squares(observation.depth_m)
+        lost = missing_blocks(~valid_pixels(observation))
         if not lost.any():
             return
         middle = slice(BLOCK_PX // 2, None, BLOCK_PX)
@@ -55,7 +46,7 @@ class UnmeasuredRays:
         slanted = length > 0.1
         direction = direction[slanted] / length[slanted, None]
         if len(direction):
-            self._waiting.append(UnmeasuredView(observation.T_world_camera[:3, 3].copy(), direction))
+            self._waiting.append((observation.T_world_camera[:3, 3].copy(), direction))
 
     def take(self, occupancy: PooledOccupancy, range_m: float) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """The first cell that is not free along each of the collected rays, which are forgotten.
@@ -69,31 +60,15 @@ class UnmeasuredRays:
         """
         cells, distances = [np.zeros(0, np.int64)], [np.zeros(0)]
         distance_m = np.arange(NEAREST_M, range_m, occupancy.cell_m)
-        for rays in self._waiting:
-            cell, sample = first_closed(occupancy, rays, distance_m)
+        low_m, cell_m = float(occupancy.origin_m[2]), occupancy.cell_m
+        # Steep rays end in the middle of the lowest layer or of the highest one, as those of the gain do.
+        ends_m = low_m + 0.5 * cell_m, low_m + len(occupancy.state) * cell_m - 0.5 * cell_m
+        frame = np.array([*occupancy.origin_m, cell_m, *ends_m])
+        for origin_m, direction in self._waiting:
+            cell, sample = (np.empty(len(direction), np.int64) for _ in range(2))
+            _native.first_closed(occupancy.state, frame, origin_m, direction, distance_m, cell, sample)
             ends = cell >= 0
             cells.append(cell[ends])
             distances.append(distance_m[sample[ends]])
         self._waiting.clear()
         return np.concatenate(cells), np.concatenate(distances)
-
-
-def first_closed(
-    occupancy: PooledOccupancy, rays: UnmeasuredView, distance_m: Float64[np.ndarray, " samples"]
-) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
-    """The first cell along each ray that is not free, as a flat index, and its sample; -1 where all are free.
-
-    Steep rays end in the lowest or in the highest layer, as those of the gain do.
-
-    Args:
-        occupancy: the map.
-        rays: of one view.
-        distance_m: horizontal distance of the samples [m].
-    """
-    cell, sample = (np.empty(len(rays.direction), np.int64) for _ in range(2))
-    low_m, cell_m = float(occupancy.origin_m[2]), occupancy.cell_m
-    # The middle of the lowest layer and of the highest one.
-    ends_m = low_m + 0.5 * cell_m, low_m + len(occupancy.state) * cell_m - 0.5 * cell_m
-    frame = np.array([*occupancy.origin_m, cell_m, *ends_m])
-    _native.first_closed(occupancy.state, frame, rays.origin_m, rays.direction, distance_m, cell, sample)
-    return cell, sample

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from anm_mj.planning.policies.gvg.transitions import TURNS, TransitionTable
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
@@ -54,101 +54,53 @@ class Tour:
         return self.gain_m2 / max(self.steps, 1.0)
 
 
-@dataclass(frozen=True)
-class _Beam:
-    """Tours of equal length that the search extends together."""
+def best_tours(
+    table: TransitionTable,
+    heading: int,
+    *,
+    discount_steps: float,
+    preference: Float[np.ndarray, " k"],
+    depth: int,
+    width: int,
+) -> list[Tour]:
+    """The best tours of all lengths for a robot at the first place, best first.
 
-    tours: list[Tour]
-    place: Int[np.ndarray, " b"]
-    heading: Int[np.ndarray, " b"]
-    steps: Float[np.ndarray, " b"]
-    factor: Float[np.ndarray, "b k"]
-    """Factor on the value of the next view at each place; once a tour has begun, that of its first place."""
-    covered: Bool[np.ndarray, "b patches"]
-
-    @property
-    def value(self) -> Float[np.ndarray, " b"]:
-        """Value of each tour."""
-        return np.array([tour.value for tour in self.tours])
-
-
-@dataclass(frozen=True)
-class _Extensions:
-    """The best next view at each place for each tour of a beam."""
-
-    value: Float[np.ndarray, "b k"]
-    """What the view adds to the value of the tour."""
-    heading: Int[np.ndarray, "b k"]
-    steps: Float[np.ndarray, "b k"]
-    gain_m2: Float[np.ndarray, "b k"]
-
-
-class TourSearch:
-    """Searches tours over the transitions between some places."""
-
-    def __init__(
-        self, transitions: TransitionTable, *, discount_steps: float, preference: Float[np.ndarray, " k"]
-    ) -> None:
-        """Set the objective.
-
-        Args:
-            transitions: between the places.
-            discount_steps: gain after this many steps counts 1/e.
-            preference: factor on the value of tours that begin at each place (hysteresis).
-        """
-        self._transitions = transitions
-        self._discount_steps = discount_steps
-        self._preference = preference
-
-    def best(self, heading: int, *, depth: int, width: int) -> list[Tour]:
-        """The best tours of all lengths for a robot at the first place, best first.
-
-        Args:
-            heading: azimuth sector that the robot looks along now.
-            depth: most views in a tour.
-            width: tours kept at each depth.
-        """
-        covered = np.zeros((1, self._transitions.num_patches), bool)
-        beam = _Beam([Tour((), 0.0)], np.array([0]), np.array([heading]), np.zeros(1), self._preference[None], covered)
-        found: list[Tour] = []
-        for _ in range(depth):
-            following = self._expand(beam)
-            tour, place = np.nonzero(following.value > 0.0)
-            added = following.value[tour, place]
-            best = np.lexsort((-added, tour, -(beam.value[tour] + added)))[:width]
-            if not len(best):
-                break
-            beam = self._extend(beam, following, tour[best], place[best])
-            found += beam.tours
-        return sorted(found, key=lambda tour: -tour.value)
-
-    def _expand(self, beam: _Beam) -> _Extensions:
-        """The best next views."""
-        each = np.arange(len(beam.tours))[:, None]
-        after = self._transitions.expand(beam.place, beam.heading, beam.covered)
-        value = after.gain_m2 * np.exp(-(beam.steps[:, None, None] + after.steps) / self._discount_steps)
-        value[after.steps < 0.5] = 0.0
-        value *= beam.factor[:, :, None]
-        turn = value.argmax(axis=2)
-        best = each, np.arange(self._transitions.num_places), turn
-        heading = (after.arrival + TURNS[turn]) % NUM_AZIMUTHS
-        return _Extensions(value[best], heading, after.steps[best], after.gain_m2[best])
-
-    def _extend(
-        self, beam: _Beam, following: _Extensions, tour: Int[np.ndarray, " c"], place: Int[np.ndarray, " c"]
-    ) -> _Beam:
-        """Some tours of a beam, each with its next view at a place."""
-        chosen = tour, place
-        heading, gain = following.heading[chosen], following.gain_m2[chosen]
-        steps, factor = beam.steps[tour] + following.steps[chosen], beam.factor[chosen]
-        covered = beam.covered[tour]
-        self._transitions.cover(covered, (beam.place[tour], beam.heading[tour]), (place, heading))
+    Args:
+        table: transitions between the places.
+        heading: azimuth sector that the robot looks along now.
+        discount_steps: gain after this many steps counts 1/e.
+        preference: factor on the value of tours that begin at each place (hysteresis).
+        depth: most views in a tour.
+        width: tours kept at each depth.
+    """
+    # The beam: tours of equal length, and where each ends.
+    tours, covered = [Tour((), 0.0)], np.zeros((1, table.num_patches), bool)
+    place, headings, steps, factor = np.array([0]), np.array([heading]), np.zeros(1), preference[None]
+    found: list[Tour] = []
+    for _ in range(depth):
+        arrival, further, gain_m2 = table.expand(place, headings, covered)
+        value = gain_m2 * np.exp(-(steps[:, None, None] + further) / discount_steps)
+        value[further < 0.5] = 0.0
+        value *= factor[:, :, None]
+        turn, added = value.argmax(axis=2), value.max(axis=2)
+        tour, to = np.nonzero(added > 0.0)
+        total = np.array([tour.value for tour in tours])[tour] + added[tour, to]
+        best = np.lexsort((-added[tour, to], tour, -total))[:width]
+        if not len(best):
+            break
+        tour, to = tour[best], to[best]
+        view = tour, to, turn[tour, to]
+        new_headings = (arrival[tour, to] + TURNS[view[2]]) % NUM_AZIMUTHS
+        covered = covered[tour]
+        table.cover(covered, (place[tour], headings[tour]), (to, new_headings))
+        steps, first = steps[tour] + further[view], factor[tour, to]
         tours = [
             Tour(
-                (*beam.tours[t].views, TourView(int(p), int(h), float(g), float(s))),
-                beam.tours[t].value + float(g) * math.exp(-s / self._discount_steps) * float(f),
+                (*tours[t].views, TourView(int(p), int(h), float(g), float(s))),
+                tours[t].value + float(g) * math.exp(-s / discount_steps) * float(f),
             )
-            for t, p, h, g, s, f in zip(tour, place, heading, gain, steps, factor, strict=True)
+            for t, p, h, g, s, f in zip(tour, to, new_headings, gain_m2[view], steps, first, strict=True)
         ]
-        factors = np.repeat(factor[:, None], self._transitions.num_places, axis=1)
-        return _Beam(tours, place, heading, steps, factors, covered)
+        place, headings, factor = to, new_headings, np.repeat(first[:, None], table.num_places, axis=1)
+        found += tours
+    return sorted(found, key=lambda tour: -tour.value)

@@ -69,9 +69,7 @@ def load_ensemble(path: Path) -> list[Weights]:
 def predict(weights: Weights, classes: Int8[np.ndarray, "rows cols"]) -> Float32[np.ndarray, "3 rows cols"]:
     """Probabilities of the three classes for every cell of a crop.
 
-    Args:
-        weights: one network.
-        classes: what is known, by index into ``CLASSES``; sides must be multiples of 8.
+    ``classes`` are what is known, by index into ``CLASSES``; sides must be multiples of 8.
     """
     hidden = (classes[None] == np.arange(len(CLASSES), dtype=np.int8)[:, None, None]).astype(np.float32)
     kept = []

@@ -41,15 +41,8 @@ def grow_tree(
 ) -> Tree:
     """A tree grown from the root towards uniform samples of a square about it.
 
-    Args:
-        passable: cells that edges may cross, ``[row, col]``.
-        origin_xy_m: world x, y of the outer corner of cell [0, 0] [m].
-        resolution_m: edge of a cell [m].
-        root_xy_m: the root [m]; its own cell need not be passable.
-        half_width_m: half the side of the square that samples are drawn from [m].
-        num_samples: number of samples.
-        hop_m: length of an edge [m].
-        rng: draws the samples.
+    Edges of length ``hop_m`` cross passable cells only; the root's own cell need not be passable. The origin is the
+    outer corner of cell [0, 0].
     """
     xy = np.empty((num_samples + 1, 2))
     parent = np.full(num_samples + 1, -1)

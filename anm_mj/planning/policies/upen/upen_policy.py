@@ -91,9 +91,7 @@ class Upen(ScanPolicy):
             scores = [float(value_along(occupied.var(axis=0), path, pose).sum()) for path in paths]
         if len(tree.xy_m) == 1:
             turn = (Action.TURN_LEFT, Action.TURN_RIGHT)[self._rng.integers(2)]
-            return Plan(
-                f"no path leads away from here: {turn.name}", np.zeros((0, 2)), actions=(turn,), topdown=topdown
-            )
+            return Plan(f"no path leads away from here: {turn.name}", actions=(turn,), topdown=topdown)
         best = int(np.argmax(scores))
         ranked = np.argsort(scores)[::-1][:MAX_LOGGED]
         return Plan(
@@ -134,10 +132,7 @@ class Upen(ScanPolicy):
 
 
 def egocentric_crop(topdown: TopDownMap, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
-    """The known cells around the robot, its heading along the columns, by class of the predictor.
-
-    A cell of the crop is occupied where any of the finer cells about its centre is.
-    """
+    """The known cells around the robot, its heading along the columns; occupied where any of the finer cells is."""
     centres = (np.arange(CROP_CELLS) + 0.5 - CROP_CELLS / 2) * CELL_M
     crop = np.full((CROP_CELLS, CROP_CELLS), VOID, np.int8)
     c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)

@@ -6,31 +6,30 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.generation.quads import Material, Quads, ball, box, cushion, join, lathe, strut
+from anm_mj.scene.generation.quads import Material, Parts, Quads, ball, box, cushion, join, joined, lathe, strut
 from anm_mj.scene.generation.textures import Colour, plain, rgb, wood
 
 _DARK = plain(rgb("2b2d31"))
 _STEM = plain(rgb("3f7d4e"), 0.2)
 
 
-def stack_of_books(num: int, seed: int) -> Quads:
+@joined
+def stack_of_books(num: int, seed: int) -> Parts:
     """Books that lie on one another, each turned a little."""
     rng = np.random.default_rng(seed)
-    pieces, z = [], 0.0
+    z = 0.0
     for _ in range(num):
         thick = rng.uniform(0.02, 0.04)
         colour = rgb(("8c2f39", "2f5d8c", "d9a441", "3b6b4f", "e4ddd0")[rng.integers(5)])
         book = box((-0.12, -0.085, 0.0), (0.12, 0.085, thick), plain(colour), "-z")
-        pieces.append(book.placed(0.0, 0.0, rng.uniform(-20, 20), z))
+        yield book.placed(0.0, 0.0, rng.uniform(-20, 20), z)
         z += thick
-    return join(*pieces)
 
 
 def cup(colour: Colour) -> Quads:
     """A mug."""
-    return lathe(
-        [(0.032, 0.0), (0.04, 0.02), (0.04, 0.095), (0.034, 0.095), (0.03, 0.02), (0.0, 0.02)], plain(colour), 10
-    )
+    profile = [(0.032, 0.0), (0.04, 0.02), (0.04, 0.095), (0.034, 0.095), (0.03, 0.02), (0.0, 0.02)]
+    return lathe(profile, plain(colour), 10)
 
 
 def bottle(colour: Colour) -> Quads:
@@ -41,24 +40,24 @@ def bottle(colour: Colour) -> Quads:
 
 def bowl_of_fruit(bowl: Material) -> Quads:
     """A bowl with oranges and apples."""
-    fruits = [plain(rgb(code), 0.1) for code in ("e8862e", "c9302c", "e0b53a", "8fb339")]
     dish = lathe([(0.05, 0.0), (0.13, 0.05), (0.16, 0.09), (0.15, 0.09), (0.12, 0.055), (0.0, 0.02)], bowl, 14)
     places = [(0.05, 0.03, 0.04), (-0.06, 0.02, 0.04), (0.0, -0.06, 0.04), (0.01, 0.01, 0.09)]
-    return join(dish, *(ball(0.04, fruits[k], 8).placed(x, y, 0.0, z) for k, (x, y, z) in enumerate(places)))
+    fruits = [ball(0.04, plain(rgb(code), 0.1), 8) for code in ("e8862e", "c9302c", "e0b53a", "8fb339")]
+    return join(dish, *(fruit.placed(x, y, 0.0, z) for fruit, (x, y, z) in zip(fruits, places, strict=True)))
 
 
-def vase(colour: Colour, seed: int) -> Quads:
+@joined
+def vase(colour: Colour, seed: int) -> Parts:
     """A vase with a few stems and blossoms."""
     rng = np.random.default_rng(seed)
     body = [(0.04, 0.0), (0.065, 0.06), (0.06, 0.12), (0.03, 0.19), (0.038, 0.22), (0.0, 0.2)]
-    pieces = [lathe(body, plain(colour), 12)]
+    yield lathe(body, plain(colour), 12)
     blossoms = [plain(rgb(code), 0.1) for code in ("e5659d", "f2c14e", "f4f1de")]
     for k in range(5):
         angle = 1.26 * k
         tip = (0.11 * math.cos(angle), 0.11 * math.sin(angle), rng.uniform(0.36, 0.46))
-        pieces.append(strut((0.0, 0.0, 0.19), tip, 0.004, _STEM, 4))
-        pieces.append(ball(0.03, blossoms[k % 3], 6, 0.8).placed(tip[0], tip[1], 0.0, tip[2] - 0.01))
-    return join(*pieces)
+        yield strut((0.0, 0.0, 0.19), tip, 0.004, _STEM, 4)
+        yield ball(0.03, blossoms[k % 3], 6, 0.8).placed(tip[0], tip[1], 0.0, tip[2] - 0.01)
 
 
 def basket(radius_m: float, height_m: float, weave: Material) -> Quads:
@@ -79,18 +78,17 @@ def pair_of_shoes(colour: Colour) -> Quads:
     return join(shoe.placed(-0.06), shoe.placed(0.07, 0.03, 9.0))
 
 
-def toy_blocks(seed: int, num: int = 7) -> Quads:
-    """Building blocks, scattered over half a metre, some on top of others."""
+@joined
+def toy_blocks(seed: int) -> Parts:
+    """Building blocks, scattered over half a metre, and a tower of three."""
     rng = np.random.default_rng(seed)
     colours = [plain(rgb(code)) for code in ("d1495b", "edae49", "00798c", "66a182", "8d5fa8")]
-    pieces = []
-    for k in range(num):
-        edge = 0.06
-        block = box((-edge / 2, -edge / 2, 0.0), (edge / 2, edge / 2, edge), colours[k % len(colours)], "-z")
+    blocks = [box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.06), colour, "-z") for colour in colours]
+    for k in range(7):
         x, y = rng.uniform(-0.22, 0.22, 2)
-        pieces.append(block.placed(x, y, rng.uniform(0, 90)))
-    tower = box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.06), colours[1], "-z")
-    return join(*pieces, *(tower.placed(0.3, 0.1, 15.0 * k, 0.06 * k) for k in range(3)))
+        yield blocks[k % 5].placed(x, y, rng.uniform(0, 90))
+    for k in range(3):
+        yield blocks[1].placed(0.3, 0.1, 15.0 * k, 0.06 * k)
 
 
 def teddy(colour: Colour) -> Quads:
@@ -106,19 +104,14 @@ def teddy(colour: Colour) -> Quads:
     )
 
 
-def toy_car(colour: Colour) -> Quads:
+@joined
+def toy_car(colour: Colour) -> Parts:
     """A toy car 0.24 m long."""
-    body, tyre = plain(colour), _DARK
-    wheels = [
-        strut((x, y, 0.03), (x + math.copysign(0.02, x), y, 0.03), 0.03, tyre, 10)
-        for x in (-0.06, 0.06)
-        for y in (-0.07, 0.07)
-    ]
-    return join(
-        cushion((-0.065, -0.12, 0.025), (0.065, 0.12, 0.085), 0.02, body, segments=1),
-        cushion((-0.052, -0.05, 0.07), (0.052, 0.08, 0.13), 0.02, plain(rgb("b9d0da")), "-z", segments=1),
-        *wheels,
-    )
+    yield cushion((-0.065, -0.12, 0.025), (0.065, 0.12, 0.085), 0.02, plain(colour), segments=1)
+    yield cushion((-0.052, -0.05, 0.07), (0.052, 0.08, 0.13), 0.02, plain(rgb("b9d0da")), "-z", segments=1)
+    for x in (-0.06, 0.06):
+        for y in (-0.07, 0.07):
+            yield strut((x, y, 0.03), (x + math.copysign(0.02, x), y, 0.03), 0.03, _DARK, 10)
 
 
 def carton(width_m: float, depth_m: float, height_m: float) -> Quads:

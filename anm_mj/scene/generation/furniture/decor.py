@@ -8,12 +8,14 @@ import numpy as np
 
 from anm_mj.scene.generation.quads import (
     Material,
+    Parts,
     Quads,
     box,
     cushion,
     cylinder,
     grid_quads,
     join,
+    joined,
     lathe,
 )
 from anm_mj.scene.generation.textures import Colour, glow, plain, rgb, rug, spots
@@ -50,25 +52,21 @@ def table_lamp(shade: Colour, foot: Material) -> Quads:
     return join(lathe(base, foot, 12), lathe([(0.0, 0.22), (0.12, 0.22), (0.075, 0.38), (0.0, 0.38)], glow(shade), 14))
 
 
-def plant(height_m: float, num_leaves: int, pot: Material, seed: int) -> Quads:
+@joined
+def plant(height_m: float, num_leaves: int, pot: Material, seed: int) -> Parts:
     """A pot with long arching leaves."""
     rng = np.random.default_rng(seed)
     size = 0.25 * height_m + 0.04
     rim = 0.36 * size
     soil = spots(rgb("4a3728"), rgb("33261c"), scale=60.0)
     outside = [(0.7 * rim, 0.0), (rim, 0.8 * size), (1.08 * rim, 0.8 * size), (1.08 * rim, size), (0.9 * rim, size)]
-    pieces = [
-        lathe(outside, pot, 14),
-        lathe([(0.9 * rim, size), (0.9 * rim, 0.92 * size), (0.0, 0.92 * size)], soil, 14),
-    ]
+    yield lathe(outside, pot, 14)
+    yield lathe([(0.9 * rim, size), (0.9 * rim, 0.92 * size), (0.0, 0.92 * size)], soil, 14)
     for k in range(num_leaves):
         angle = 2.399963 * k + rng.uniform(-0.3, 0.3)
         length, lean = (height_m - size) * rng.uniform(0.75, 1.15), rng.uniform(0.15, 0.7)
         leaf = _leaf(length, 0.085 * height_m + 0.02, lean, _LEAF_GREENS[rng.integers(len(_LEAF_GREENS))])
-        pieces.append(
-            leaf.placed(0.3 * rim * math.cos(angle), 0.3 * rim * math.sin(angle), math.degrees(angle), 0.9 * size)
-        )
-    return join(*pieces)
+        yield leaf.placed(0.3 * rim * math.cos(angle), 0.3 * rim * math.sin(angle), math.degrees(angle), 0.9 * size)
 
 
 def _leaf(length_m: float, width_m: float, lean_rad: float, material: Material) -> Quads:
@@ -82,17 +80,10 @@ def _leaf(length_m: float, width_m: float, lean_rad: float, material: Material) 
     half = width_m / 2 * np.sin(math.pi * np.clip(0.08 + 0.92 * t, 0.0, 1.0)) ** 0.7 + 0.001
     thick = 0.008 * np.sin(math.pi * np.clip(0.1 + 0.88 * t, 0.0, 1.0))
     middle = np.stack([x, np.zeros(num), z], axis=-1)
-    normal = np.stack([-np.cos(angle), np.zeros(num), np.sin(angle)], axis=-1)
+    bulge = np.stack([-np.cos(angle), np.zeros(num), np.sin(angle)], axis=-1) * thick[:, None]
     side = np.array([0.0, 1.0, 0.0]) * half[:, None]
-    rows = [
-        middle - side,
-        middle + normal * thick[:, None],
-        middle + side,
-        middle - normal * thick[:, None],
-        middle - side,
-    ]
-    points = np.stack(rows, axis=1)
-    across = np.linspace(0.0, width_m, len(rows))
+    points = np.stack([middle - side, middle + bulge, middle + side, middle - bulge, middle - side], axis=1)
+    across = np.linspace(0.0, width_m, points.shape[1])
     uv = np.stack(np.broadcast_arrays(across[None, :], (t * length_m)[:, None]), axis=-1)
     return grid_quads(points, uv, material)
 

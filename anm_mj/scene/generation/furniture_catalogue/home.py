@@ -6,6 +6,7 @@ import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, seating, storage, tables
 from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, furniture, in_corner, on_wall
+from anm_mj.scene.generation.quads import box, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, landscape, plain, rgb, stripes
 
@@ -151,7 +152,23 @@ def cubbies(s: RoomStyle, rng: np.random.Generator) -> Design:
     """A low shelf of boxes and toys."""
     seed = int(rng.integers(1000))
     yield against_wall("cubbies", 1.46, 0.34, 0.74)
-    yield storage.cubbies(4, 2, 0.36, s.wood, tuple(plain(colour) for colour in s.colours[:5]), seed)
+    columns, rows, cell, wall, depth = range(4), range(2), 0.36, 0.02, 0.32
+    shelf_rng, fills = np.random.default_rng(seed), [plain(colour) for colour in s.colours[:5]]
+    x, height = (4 * cell + wall) / 2, 2 * cell + wall
+    yield box((-x, -0.012, 0.0), (x, 0.0, height), s.wood, "-z +y -x +x +z")
+    for k in range(5):
+        left = -x + k * cell
+        yield box((left, -depth, 0.0), (left + wall, -0.012, height), s.wood, "-z +y")
+    for k in range(3):
+        for column in columns:
+            left, z = -x + column * cell + wall, k * cell
+            yield box((left, -depth, z), (left + cell - wall, -0.012, z + wall), s.wood, "-x +x +y")
+    for row in rows:
+        for column in columns:
+            if shelf_rng.random() >= 0.25:
+                left, z = -x + column * cell + wall + 0.012, row * cell + wall
+                high = (left + cell - wall - 0.024, -0.03, z + cell * shelf_rng.uniform(0.55, 0.85))
+                yield box((left, -depth + 0.015, z), high, fills[shelf_rng.integers(5)], "-z +y")
     yield clutter.teddy(rgb("a9713f")).placed(0.45, -0.15, 0.0, 0.74)
     yield clutter.toy_car(s.colours[0]).placed(-0.2, -0.16, 70.0, 0.74)
 
@@ -211,7 +228,8 @@ def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
 def beanbag(s: RoomStyle, rng: np.random.Generator) -> Design:
     """A soft seat."""
     yield in_corner("beanbag", 0.43, (0.02, 0.88), 0.6)
-    yield seating.beanbag(s.cloth_2).placed(0.0, -0.45)
+    half = [(0.0, 0.0), (0.3, 0.0), (0.41, 0.1), (0.42, 0.2), (0.34, 0.36), (0.18, 0.5), (0.06, 0.58), (0.0, 0.59)]
+    yield lathe(half, s.cloth_2, 16).placed(0.0, -0.45)
 
 
 @furniture
@@ -244,7 +262,12 @@ def coat_rack(s: RoomStyle, rng: np.random.Generator) -> Design:
     coats = (s.cloth, s.cloth_2, plain(s.colours[7]), plain(s.colours[9]))[: int(rng.integers(2, 5))]
     width = 0.36 * len(coats)
     yield Piece("coat rack", "wall", ((-width / 2 - 0.02, -0.15, width / 2 + 0.02, 0.0),), 0.75, 1.74)
-    yield storage.coat_rack(width, s.wood_dark, coats)
+    x = width / 2
+    yield box((-x, -0.025, 1.62), (x, 0.0, 1.74), s.wood_dark, "+y")
+    for k, coat in enumerate(coats):
+        middle, length = -x + (k + 0.5) * width / len(coats), 0.75 + 0.12 * (k % 2)
+        yield box((middle - 0.17, -0.02 - 0.09, 1.62 - length), (middle + 0.17, -0.02, 1.62), coat, "+y")
+        yield box((middle - 0.2, -0.02 - 0.11, 1.35), (middle + 0.2, -0.02, 1.5), coat, "+y -z +z")
 
 
 @furniture

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture import clutter, kitchen, storage
+from anm_mj.scene.generation.furniture import clutter, kitchen
+from anm_mj.scene.generation.furniture.kitchen import PORCELAIN, STEEL
 from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, furniture, on_wall
-from anm_mj.scene.generation.quads import box
-from anm_mj.scene.generation.room_style import PORCELAIN, RoomStyle
-from anm_mj.scene.generation.textures import plain, rgb, stone, tiles
+from anm_mj.scene.generation.quads import box, cushion, cylinder, lathe, strut
+from anm_mj.scene.generation.room_style import RoomStyle
+from anm_mj.scene.generation.textures import glow, plain, rgb, stone, tiles
 
 
 @furniture
@@ -53,14 +54,28 @@ def bathtub(s: RoomStyle, rng: np.random.Generator) -> Design:
 def toilet(s: RoomStyle, rng: np.random.Generator) -> Design:
     """A toilet."""
     yield against_wall("toilet", 0.46, 0.66, 0.82, 0.5)
-    yield kitchen.toilet()
+    bowl = [(0.11, 0.0), (0.12, 0.1), (0.17, 0.3), (0.2, 0.38), (0.21, 0.41), (0.2, 0.43), (0.0, 0.44)]
+    yield lathe(bowl, PORCELAIN, 16).placed(0.0, -0.42)
+    yield box((-0.1, -0.35, 0.0), (0.1, -0.05, 0.36), PORCELAIN, "-z +z")
+    yield cushion((-0.2, -0.2, 0.36), (0.2, 0.0, 0.82), 0.025, PORCELAIN, "+y", segments=1)
+    yield box((-0.03, -0.12, 0.82), (0.03, -0.07, 0.83), STEEL, "-z")
 
 
 @furniture
 def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
     """A wash-basin with a mirror."""
     yield against_wall("basin", 0.74, 0.48, 1.9, 0.6)
-    yield kitchen.basin(s.paint)
+    yield box((-0.35, -0.43, 0.1), (0.35, 0.0, 0.78), s.paint, "+y")
+    for x in (-0.34, 0.01):
+        yield box((x, -0.45, 0.12), (x + 0.33, -0.43, 0.76), s.paint, "+y")
+    for x in (-0.04, 0.025):
+        yield box((x, -0.47, 0.5), (x + 0.015, -0.45, 0.62), STEEL, "+y")
+    yield box((-0.36, -0.46, 0.78), (0.36, 0.0, 0.82), plain(rgb("e8e2d6")), "+y")
+    bowl = [(0.08, 0.0), (0.17, 0.05), (0.19, 0.1), (0.17, 0.1), (0.1, 0.03), (0.0, 0.02)]
+    yield lathe(bowl, PORCELAIN, 16).placed(0.0, -0.24, 0.0, 0.82)
+    yield cylinder(0.014, 0.82, 1.02, STEEL, 8).placed(0.0, -0.05)
+    yield strut((0.0, -0.05, 1.01), (0.0, -0.17, 1.0), 0.011, STEEL)
+    yield box((-0.3, -0.02, 1.15), (0.3, 0.0, 1.85), plain(rgb("b9d0da"), 0.08), "+y")
     yield clutter.bottle(s.colours[4]).placed(-0.25, -0.12, 0.0, 0.82)
     yield clutter.cup(rgb("f4f1de")).placed(0.24, -0.12, 0.0, 0.82)
 
@@ -69,20 +84,31 @@ def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
 def washing_machine(s: RoomStyle, rng: np.random.Generator) -> Design:
     """A washing machine."""
     yield against_wall("washing machine", 0.6, 0.6, 0.85, 0.6)
-    yield kitchen.washing_machine()
+    yield cushion((-0.3, -0.57, 0.0), (0.3, 0.0, 0.85), 0.015, PORCELAIN, "-z +y", segments=1)
+    ring = lathe([(0.0, 0.0), (0.13, 0.0), (0.17, 0.0), (0.17, 0.02), (0.13, 0.03), (0.0, 0.02)], STEEL, 16)
+    yield ring.tilted(90.0).placed(0.0, -0.57, 0.0, 0.42)
+    yield box((-0.28, -0.58, 0.72), (-0.05, -0.57, 0.81), plain(rgb("d5d9dd")), "+y")
+    yield box((0.05, -0.58, 0.74), (0.22, -0.57, 0.79), glow(rgb("3d6f8e")), "+y")
 
 
 @furniture
 def towels(s: RoomStyle, rng: np.random.Generator) -> Design:
     """Towels on a rail."""
     yield on_wall("towels", 0.37, 0.09, 1.3)
-    yield kitchen.towel_rail(0.7, (s.cloth, s.cloth_2))
+    x, width = 0.35, 0.7
+    yield strut((-x, -0.06, 1.2), (x, -0.06, 1.2), 0.01, STEEL)
+    for side in (-x + 0.02, x - 0.02):
+        yield strut((side, 0.0, 1.2), (side, -0.06, 1.2), 0.01, STEEL)
+    for k, towel in enumerate((s.cloth, s.cloth_2)):
+        middle, half = -x + (k + 0.5) * width / 2, 0.42 * width / 2
+        low, high = (middle - half, -0.085, 0.72 + 0.06 * k), (middle + half, -0.035, 1.215)
+        yield cushion(low, high, 0.02, towel, segments=1)
 
 
 @furniture
 def bottle_shelf(s: RoomStyle, rng: np.random.Generator) -> Design:
     """A board with bottles."""
     yield on_wall("shelf", 0.3, 0.2, 1.6)
-    yield storage.wall_shelf(0.6, 1.25, PORCELAIN)
+    yield box((-0.6 / 2, -0.2, 1.25), (0.6 / 2, 0.0, 1.25 + 0.03), PORCELAIN, "+y")
     yield clutter.bottle(rgb("5aa9c9")).placed(-0.15, -0.1, 0.0, 1.28)
     yield clutter.bottle(rgb("e5659d")).placed(0.1, -0.1, 0.0, 1.28)

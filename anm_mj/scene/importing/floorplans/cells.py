@@ -100,7 +100,7 @@ def largest_parts(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows
 
 
 def whole_rooms(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
-    """The largest part of every room that is large enough, numbered anew from 0."""
+    """The largest part of every room that is large enough, renumbered from 0."""
     kept = largest_parts(labels)
     large = np.bincount(kept[kept >= 0], minlength=int(labels.max()) + 1) >= _MIN_ROOM_CELLS
     # The last entry is for cells of no room, whose label is -1.

@@ -36,8 +36,7 @@ _WIDE_M = 20.0
 """A level plane wider than this is the ground [m]."""
 _COVERED = 0.5
 _SUNK_M = 0.02
-"""A ground plane lies so much lower where a floor of the world's own covers most of it, so that the two do not flicker
-through one another [m]."""
+"""A ground plane is lowered by this where a floor of the world covers most of it: coplanar surfaces flicker [m]."""
 
 _FALLEN = "Left out, because they lie more than 1 km away: {names}."
 _SCALED = "Not applied: the scale in the saved state of {names}."
@@ -59,8 +58,9 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
     file = model_file(src)
     if file is None:
         raise SceneError(f"{src} is no Gazebo model: it holds neither model.config nor model.sdf.")
-    reader = _Reader(world_places(file, model_paths), report, TriangleBudget(file))
-    world, used = read_world(file, reader.places, report)
+    places = world_places(file, model_paths)
+    world, used = read_world(file, places, report)
+    reader = _Reader(file, places, report)
     submeshes = reader.read(world)
     if not submeshes:
         raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
@@ -70,14 +70,14 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
 
 
 class _Reader:
-    def __init__(self, places: Places, report: ImportReport, budget: TriangleBudget) -> None:
+    def __init__(self, file: Path, places: Places, report: ImportReport) -> None:
         self.joints: dict[str, Joint] = {}
         """How links can move, by the name of their part."""
         self._deleted: set[str] = set()
         """Names of the world's models that its saved state has deleted."""
-        self.places = places
+        self._places = places
         self._report = report
-        self._budget = budget
+        self._budget = TriangleBudget(file)
         self._materials = MaterialReader(places, report)
         self._meshes: dict[Path, list[Submesh]] = {}
         self._submeshes: list[Submesh] = []
@@ -177,7 +177,7 @@ class _Reader:
     def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
         """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
         uri = (shape.findtext("uri") or "").strip()
-        path = find_uri(uri, folder, self.places, self._report)
+        path = find_uri(uri, folder, self._places, self._report)
         if path is None or not os.path.isfile(path):
             self._report.add(NO_MESH, uri.partition("://")[2] or uri)
             return

@@ -40,7 +40,7 @@ _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, 
 """Bytes of a number and numbers of an element of an accessor (section 3.6.2.2)."""
 _MAX_STRIDE = 252
 _DATA_HEAD = 200
-"""What a data URI says of its encoding stands within so many letters."""
+"""A data URI states its encoding within this many letters."""
 
 
 def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:

@@ -6,6 +6,7 @@ Each limit is an environment variable, which the message names, for those who kn
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ MAX_SPREAD_KM = limit("ANM_MJ_MAX_SPREAD_KM", 250)
 """Largest sum of what triangles extend along one axis beyond a few centimetres [km]."""
 
 _COPY_TRIANGLES = 500
-"""A copy of a mesh takes as much time as so many triangles, however small it is."""
+"""Cost of copying a mesh, however small it is, in triangles."""
 _NEAR_M = 0.05
 """Triangles that extend less cover a cell or two of every grid [m]."""
 
@@ -73,12 +74,12 @@ def check_spread(src: Path, triangles_m: Float[np.ndarray, "f 3 3"]) -> None:
         )
 
 
+@dataclass
 class TriangleBudget:
     """Counts the triangles of a world or scene, which may place one mesh any number of times."""
 
-    def __init__(self, src: Path) -> None:
-        self._src = src
-        self._triangles = 0
+    _src: Path
+    _triangles: int = 0
 
     def spend(self, submesh: Submesh) -> None:
         """Count a copy of a submesh before it is made; raises LimitError if there are too many triangles with it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection
+from dataclasses import dataclass, field
 
 _logger = logging.getLogger(__name__)
 
@@ -12,19 +13,14 @@ NO_MESH = "Not found: the meshes {names}, which are left out."
 NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
 
 
+@dataclass
 class ImportReport:
     """Missing and skipped things, by what that means for the scene."""
 
-    def __init__(self) -> None:
-        self._names: dict[str, dict[str, None]] = {}
+    _names: dict[str, dict[str, None]] = field(default_factory=dict)
 
     def add(self, sentence: str, name: str) -> None:
-        """Note a thing once.
-
-        Args:
-            sentence: What is wrong and what comes of it, with ``{names}`` where the names of all such things belong.
-            name: The thing.
-        """
+        """Note a thing once; the sentence says what comes of it, with ``{names}`` for the names of all such things."""
         self._names.setdefault(sentence, {})[name] = None
 
     def sentences(self) -> list[str]:

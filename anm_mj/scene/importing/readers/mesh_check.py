@@ -19,7 +19,7 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 """Mesh files that can be read."""
 
 _HEAD_BYTES = 65536
-"""The header of a PLY file ends within so many bytes; in an STL file of text, the first triangle begins there."""
+"""The header of a PLY file ends, and the first triangle of an ASCII STL file begins, within this many bytes."""
 _STL_HEAD, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file before its triangles, and of each."""
 _PLY_CORNERS = ("vertex_indices", "vertex_index")
@@ -82,7 +82,7 @@ class _PlyElement(NamedTuple):
     """An element in the header of a PLY file."""
 
     name: str
-    count: int | None
+    stated: int | None
     """Stated number of rows; None where it is no number."""
     properties: list[list[str]]
     """Words of each property, without the first."""
@@ -96,8 +96,8 @@ def _check_ply(src: Path) -> None:
         elements: list[_PlyElement] = []
         for words in header:
             if words[:1] == ["element"]:
-                count = int(words[2]) if len(words) == 3 and words[2].isdecimal() else None
-                elements.append(_PlyElement(" ".join(words[1:2]), count, []))
+                is_stated = len(words) == 3 and words[2].isdecimal() and len(words[2]) < 19
+                elements.append(_PlyElement(" ".join(words[1:2]), int(words[2]) if is_stated else None, []))
             elif words[:1] == ["property"] and elements:
                 elements[-1].properties.append(words[1:])
         if any(words[:2] == ["format", "ascii"] for words in header):
@@ -115,20 +115,20 @@ def _check_ply(src: Path) -> None:
 def _check_ply_rows(src: Path, elements: list[_PlyElement], rows: list[str]) -> None:
     """Refuse an ASCII PLY file with fewer rows than it states, or with faces of fewer corners than a triangle."""
     at = 0
-    for name, count, properties in elements:
-        if count is None:
+    for name, stated, properties in elements:
+        if stated is None:
             continue
-        if len(rows) < at + count:
+        if len(rows) < at + stated:
             raise SceneError(
-                f"{src} states {count} rows of {name} and holds {max(0, len(rows) - at)}: copy or export it again."
+                f"{src} states {stated} rows of {name} and holds {max(0, len(rows) - at)}: copy or export it again."
             )
-        for row in range(at, at + count) if name == "face" else ():
+        for row in range(at, at + stated) if name == "face" else ():
             if not _is_face(rows[row].split(), properties):
                 raise SceneError(
                     f"{src} has a face that is none ({rows[row][:40]!r}, row {row - at + 1} of its faces): a face has "
                     "three corners at least, and as many as it states; export it again."
                 )
-        at += count
+        at += stated
 
 
 def _is_face(row: list[str], properties: list[list[str]]) -> bool:
@@ -136,7 +136,7 @@ def _is_face(row: list[str], properties: list[list[str]]) -> bool:
     at = 0
     for words in properties:
         number = 1
-        if words[0] == "list":
+        if words[:1] == ["list"]:
             if at >= len(row) or not row[at].isdecimal():
                 return False
             number, at = int(row[at]), at + 1

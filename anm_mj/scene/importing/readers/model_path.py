@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
+from anm_mj.mjcf.read_mjcf import LEVELS_UP, top_folder
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.utils.read_file import read_bytes
-from anm_mj.utils.read_mjcf import LEVELS_UP, top_folder
 
 _VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
 _LEVELS = 5

@@ -17,7 +17,7 @@ from anm_mj.utils.read_file import open_regular, read_bytes
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _NOT_READ = (b"surf ", b"fo ", b"bzp ", b"bsp ", b"call ")
-"""Words of surfaces in curves, of faces of former versions, and of other files."""
+"""Keywords of free-form surfaces, of obsolete faces, and of other files."""
 _LIBRARY = re.compile(rb"(?m)^mtllib +(.*)$")
 _BEYOND = 1e-6
 """A triangle of a fan is turned around by more than this share of the polygon where the fan reaches beyond it."""

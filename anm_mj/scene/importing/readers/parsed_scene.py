@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh
@@ -35,7 +34,9 @@ class Joint:
         amount = to - self.value
         if not self.hinge:
             return np.eye(3), self.axis * amount
-        rotation = Rotation.from_rotvec(self.axis * amount).as_matrix()
+        x, y, z = self.axis
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        rotation = np.eye(3) + np.sin(amount) * cross + (1.0 - np.cos(amount)) * (cross @ cross)
         return rotation, self.anchor_m - rotation @ self.anchor_m
 
 

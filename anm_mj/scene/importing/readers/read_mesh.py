@@ -32,7 +32,7 @@ PLAIN_RGB = (0.7, 0.7, 0.7)
 """Colour of meshes that have none."""
 
 _HEAD_BYTES = 65536
-"""The unit and the axes of a COLLADA file stand within so many bytes of its beginning."""
+"""A COLLADA file states its unit and its up axis within this many bytes."""
 
 
 def read_mesh_scene(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:

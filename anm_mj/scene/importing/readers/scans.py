@@ -42,7 +42,7 @@ class ScanLayout:
 
 
 def read_scan(layout: ScanLayout, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-    """The scene in a folder or file that is said to be laid out so.
+    """The scene in a folder or file of this layout.
 
     Raises:
         SceneError: if a folder holds no mesh where the layout has it, or the mesh cannot be read.

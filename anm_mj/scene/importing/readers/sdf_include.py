@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from copy import deepcopy
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from anm_mj.errors import SceneError
@@ -48,13 +49,13 @@ def read_world(file: Path, places: Places, report: ImportReport) -> tuple[ET.Ele
     return world, includes.models
 
 
+@dataclass
 class _Includes:
-    def __init__(self, file: Path, places: Places, report: ImportReport) -> None:
-        self.models: set[str] = set()
-        """Names of the model folders that were used."""
-        self._file = file
-        self._places = places
-        self._report = report
+    _file: Path
+    _places: Places
+    _report: ImportReport
+    models: set[str] = field(default_factory=set)
+    """Names of the model folders that were used."""
 
     def expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
         """Put the model that an <include> names in its place, and mark models with the folder they came from."""

@@ -10,7 +10,7 @@ import math
 import os
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,36 +33,16 @@ _SMALLEST_SCALE = 1e-6
 Rgb = tuple[float, float, float]
 
 _GAZEBO_RGB: dict[str, Rgb] = {
-    "Black": (0.0, 0.0, 0.0),
-    "Blue": (0.0, 0.0, 1.0),
-    "Bricks": (0.55, 0.33, 0.26),
-    "CeilingTiled": (0.85, 0.85, 0.83),
-    "DarkGray": (0.175, 0.175, 0.175),
-    "DarkGrey": (0.175, 0.175, 0.175),
-    "DarkYellow": (0.7, 0.7, 0.0),
-    "FlatBlack": (0.1, 0.1, 0.1),
-    "Gold": (0.8, 0.65, 0.25),
-    "Grass": (0.25, 0.40, 0.17),
-    "Gray": (0.7, 0.7, 0.7),
-    "Green": (0.0, 1.0, 0.0),
-    "Grey": (0.7, 0.7, 0.7),
-    "Indigo": (0.33, 0.0, 0.5),
-    "LightWood": (0.80, 0.65, 0.45),
-    "Orange": (1.0, 0.51, 0.05),
-    "PaintedWall": (0.80, 0.78, 0.72),
-    "Purple": (1.0, 0.0, 1.0),
-    "Red": (1.0, 0.0, 0.0),
-    "Residential": (0.75, 0.70, 0.62),
-    "Road": (0.30, 0.30, 0.30),
-    "SkyBlue": (0.13, 0.44, 0.70),
-    "Turquoise": (0.0, 1.0, 1.0),
-    "White": (1.0, 1.0, 1.0),
-    "Wood": (0.61, 0.45, 0.28),
-    "WoodFloor": (0.58, 0.42, 0.27),
-    "WoodPallet": (0.65, 0.52, 0.36),
-    "Yellow": (1.0, 1.0, 0.0),
-    "ZincYellow": (0.97, 0.95, 0.21),
-}
+    "Black": (0.0, 0.0, 0.0), "Blue": (0.0, 0.0, 1.0), "Bricks": (0.55, 0.33, 0.26),
+    "CeilingTiled": (0.85, 0.85, 0.83), "DarkGray": (0.175, 0.175, 0.175), "DarkYellow": (0.7, 0.7, 0.0),
+    "FlatBlack": (0.1, 0.1, 0.1), "Gold": (0.8, 0.65, 0.25), "Grass": (0.25, 0.40, 0.17), "Gray": (0.7, 0.7, 0.7),
+    "Green": (0.0, 1.0, 0.0), "Indigo": (0.33, 0.0, 0.5), "LightWood": (0.80, 0.65, 0.45),
+    "Orange": (1.0, 0.51, 0.05), "PaintedWall": (0.80, 0.78, 0.72), "Purple": (1.0, 0.0, 1.0),
+    "Red": (1.0, 0.0, 0.0), "Residential": (0.75, 0.70, 0.62), "Road": (0.30, 0.30, 0.30),
+    "SkyBlue": (0.13, 0.44, 0.70), "Turquoise": (0.0, 1.0, 1.0), "White": (1.0, 1.0, 1.0),
+    "Wood": (0.61, 0.45, 0.28), "WoodFloor": (0.58, 0.42, 0.27), "WoodPallet": (0.65, 0.52, 0.36),
+    "Yellow": (1.0, 1.0, 0.0), "ZincYellow": (0.97, 0.95, 0.21),
+}  # fmt: skip
 """Colours of Gazebo's own materials, for worlds imported where Gazebo is not installed; of those with a texture, a
 colour like it."""
 
@@ -77,14 +57,14 @@ class Material:
     """How often the texture repeats from 0 to 1."""
 
 
+@dataclass
 class MaterialReader:
     """Reads the materials of one world; every script and texture once."""
 
-    def __init__(self, places: Places, report: ImportReport) -> None:
-        self._places = places
-        self._report = report
-        self._textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = {}
-        self._scripts: dict[Path, dict[str, _Script]] = {}
+    _places: Places
+    _report: ImportReport
+    _textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = field(default_factory=dict)
+    _scripts: dict[Path, dict[str, _Script]] = field(default_factory=dict)
 
     def read(self, element: ET.Element | None, folder: Path) -> Material | None:
         """The material that a <material> element in a file of ``folder`` gives; None where it gives none.
@@ -94,22 +74,20 @@ class MaterialReader:
         """
         if element is None:
             return None
-        albedo = element.find("pbr/*/albedo_map")
+        albedo = (element.findtext("pbr/*/albedo_map") or "").strip()
         diffuse, ambient = _colour(element.find("diffuse")), _colour(element.find("ambient"))
-        if albedo is not None and (albedo.text or "").strip():
-            texture = self._texture((albedo.text or "").strip(), [folder], folder)
-            if texture is not None:
-                return Material((1.0, 1.0, 1.0), texture)
+        texture = self._texture(albedo, [folder], folder) if albedo else None
+        if texture is not None:
+            return Material((1.0, 1.0, 1.0), texture)
         if diffuse is not None:
             return Material(diffuse)
         script = element.find("script")
-        if script is not None and (script.findtext("name") or "").strip():
-            return self._scripted(script, folder) or (None if ambient is None else Material(ambient))
-        return None if ambient is None else Material(ambient)
+        name = "" if script is None else (script.findtext("name") or "").strip()
+        scripted = self._scripted(name, script, folder) if script is not None and name else None
+        return scripted or (None if ambient is None else Material(ambient))
 
-    def _scripted(self, script: ET.Element, folder: Path) -> Material | None:
+    def _scripted(self, name: str, script: ET.Element, folder: Path) -> Material | None:
         """The material of a material script, or None if it is not there and unknown."""
-        name = (script.findtext("name") or "").strip()
         uris = [find_uri(uri.text or "", folder, self._places, self._report) for uri in script.findall("uri")]
         places = [place for place in uris if place is not None]
         listed = [[place] if os.path.isfile(place) else sorted(place.glob("*.material")) for place in places]
@@ -124,6 +102,7 @@ class MaterialReader:
             if found is not None and found.diffuse is not None:
                 return Material(found.diffuse)
         plain = re.sub(r"(Glow|TransparentOverlay|Transparent|Bright)$", "", name.rpartition("/")[2])
+        plain = plain.replace("Grey", "Gray")
         if name.startswith("Gazebo/") and plain in _GAZEBO_RGB:
             return Material(_GAZEBO_RGB[plain])
         self._report.add(_UNKNOWN_SCRIPT, name)
@@ -219,9 +198,7 @@ def with_material(submesh: Submesh, material: Material) -> Submesh:
 
 
 def _colour(element: ET.Element | None) -> Rgb | None:
-    if element is None:
-        return None
-    return _clipped(numbers(element, 3, (0.0, 0.0, 0.0)))
+    return None if element is None else _clipped(numbers(element, 3, (0.0, 0.0, 0.0)))
 
 
 def _clipped(values: tuple[float, ...]) -> Rgb:

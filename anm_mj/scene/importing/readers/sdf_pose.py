@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import SceneError
 
@@ -67,7 +66,14 @@ def pose_of(element: ET.Element) -> Transform:
 
 def rpy_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float64[np.ndarray, "3 3"]:
     """Rotation by roll, then pitch, then yaw about the fixed axes x, y, z."""
-    return Rotation.from_euler("xyz", [roll_rad, pitch_rad, yaw_rad]).as_matrix()
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll_rad, pitch_rad, yaw_rad]), np.cos([roll_rad, pitch_rad, yaw_rad])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.ndarray, "3 3"]:
@@ -79,20 +85,24 @@ def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.nda
     length = math.sqrt(sum(value * value for value in wxyz))
     if not (math.isfinite(length) and length > 1e-9):
         raise SceneError(f"The quaternion {wxyz} is no rotation: fix it in the source.")
-    return Rotation.from_quat((*wxyz[1:], wxyz[0])).as_matrix()
+    w, x, y, z = (value / length for value in wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 class Scope:
     """The frames of a model or of the world, by name, and where they stand in the world."""
 
     def __init__(self, element: ET.Element, T_world_scope: Transform, states: dict[str, Transform], path: str) -> None:
-        """The scope of an element.
+        """The scope of a <world> or <model>.
 
-        Args:
-            element: The <world> or <model>.
-            T_world_scope: Where it stands.
-            states: Poses in the world of models and links by path ("model::nested::link"), from <state>.
-            path: The element's own path; empty for the world.
+        ``states`` are poses in the world of models and links by path ("model::nested::link"), from <state>; ``path``
+        is the element's own, empty for the world.
         """
         self.element = element
         self.T_world_scope = T_world_scope

@@ -15,7 +15,7 @@ from anm_mj.scene.importing.readers.sdf_pose import numbers
 from anm_mj.scene.submesh import Submesh
 
 _SECTIONS = 32
-"""A round shape gets so many faces around."""
+"""Faces around a round shape."""
 _SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _SIZES = {
     "sphere": (("radius", 1),),
@@ -31,12 +31,8 @@ _SIZES = {
 def shape_submesh(shape: ET.Element, name: str, outlines: Sequence[ET.Element] = ()) -> Submesh | None:
     """The submesh of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape or has no size.
 
-    Boxes have texture coordinates from 0 to 1 on every face.
-
-    Args:
-        shape: The element.
-        name: Of the submesh.
-        outlines: Further <polyline> elements of the same geometry.
+    Boxes have texture coordinates from 0 to 1 on every face; ``outlines`` are further <polyline> elements of the same
+    geometry.
 
     Raises:
         SceneError: if its measures are no numbers.

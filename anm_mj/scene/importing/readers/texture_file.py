@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -15,7 +16,7 @@ from trimesh.resolvers import FilePathResolver
 from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.utils.picture import open_picture
-from anm_mj.utils.read_file import read_bytes
+from anm_mj.utils.read_file import is_below, read_bytes
 
 MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time, and alias."""
@@ -46,10 +47,9 @@ class MeshNeighbours(FilePathResolver):
             OSError: if it is nowhere, or cannot be read.
             ValueError: if it is larger than mesh files may be.
         """
-        paths = [find_texture(name, self._folder)]
-        if paths == [None]:
-            # A line of an OBJ file may name several material files.
-            paths = [find_texture(word, self._folder) for word in name.split()]
+        whole = find_texture(name, self._folder)
+        # A line of an OBJ file may name several material files.
+        paths = [find_texture(word, self._folder) for word in name.split()] if whole is None else [whole]
         found = [path for path in paths if path is not None]
         if not found or len(found) < len(paths):
             self.missed = True
@@ -85,14 +85,7 @@ def find_texture(name: str, folder: Path) -> Path | None:
     places = [folder / name, folder / name.lstrip("/"), folder / last]
     places += [folder.parent / below / last for below in ("materials/textures", "textures", "materials", "meshes")]
     own = folder.resolve().parent
-    return next((place for place in places if _is_file_below(place, own)), None) if last else None
-
-
-def _is_file_below(path: Path, folder: Path) -> bool:
-    try:
-        return path.is_file() and folder in path.resolve().parents
-    except (OSError, RuntimeError, ValueError):
-        return False
+    return next((place for place in places if os.path.isfile(place) and is_below(place, own)), None) if last else None
 
 
 def read_texture(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:

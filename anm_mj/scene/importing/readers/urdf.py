@@ -26,10 +26,7 @@ from anm_mj.utils.read_file import read_bytes
 def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) -> list[Submesh]:
     """Submeshes of an object in the frame of its root link [m].
 
-    Args:
-        path: The file.
-        report: Gets what is left out.
-        folders: Where meshes may lie, beside its own folder and up to three above.
+    Meshes may lie in its own folder, up to three above, and in ``folders``.
 
     Raises:
         SceneError: if the file is no URDF, a joint names a link that is not there, or a mesh cannot be read.

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.contracted_edges import contract
 from anm_mj.planning.policies.anm_s.decision_vertices import SPACING_M, decision_vertices
 from anm_mj.planning.policies.anm_s.spurs import prune_spurs
 from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
@@ -22,7 +21,7 @@ def graph_of(places, edges, clearance):
 
 
 def decide(graph, frontier):
-    return decision_vertices(graph, contract(graph, prune_spurs(graph, borders_unknown(graph, frontier))))
+    return decision_vertices(graph, prune_spurs(graph, borders_unknown(graph, frontier)))
 
 
 def corridor_with_a_spur(spur_clearance):
@@ -68,6 +67,15 @@ def test_long_paths_and_circles_have_decision_vertices_near_every_place(closed):
     away = np.linalg.norm(places[:, None] - chosen[None], axis=-1).min(axis=1)
     assert away.max() < SPACING_M
     assert len(chosen) < 20
+
+
+def test_a_circle_has_a_decision_vertex_at_its_widest_place():
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    clearance = np.full(12, 0.5)
+    clearance[7] = 0.6
+    places = 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    graph = graph_of(places, [(i, (i + 1) % 12) for i in range(12)], clearance)
+    assert decide(graph, NOWHERE).tolist() == [7]
 
 
 def test_corners_of_a_bare_room_have_no_decision_vertices():

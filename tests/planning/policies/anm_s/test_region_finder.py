@@ -7,6 +7,9 @@ from tests.planning import worlds
 
 CONFIG = PlanningConfig()
 
+NONE = np.zeros(0, np.int64)
+"""No vertex is preferred."""
+
 
 def room(*size_m, **contents):
     """A room whose surface has been seen from afar only."""
@@ -41,7 +44,7 @@ def test_uncertain_wall_is_one_region_at_the_vertex_that_sees_it():
     world = room(4, 3)
     surface = surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0))
     graph = graph_at((2.5, 1.3), (1.0, 1.3))
-    (region,) = finder_with(surface).regions(graph, world.occupancy, 1.25)
+    (region,) = finder_with(surface).regions(graph, world.occupancy, 1.25, NONE)
     assert region.vertex == 0
     assert np.allclose(region.centre_m[:2], [4.2, 1.25], atol=0.15)
     assert np.allclose(region.normal, [-1, 0, 0], atol=1e-6)
@@ -54,30 +57,30 @@ def test_two_sides_of_a_wall_are_two_regions():
         wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(4.3, 1.0, 1.6, 1.0, 9.0), wall_points(0.2, 0, 8, 1.0, 1.0)
     )
     graph = graph_at((3.0, 1.3), (5.5, 1.3))
-    regions = finder_with(surface).regions(graph, world.occupancy, 1.25)
+    regions = finder_with(surface).regions(graph, world.occupancy, 1.25, NONE)
     assert sorted((region.vertex, round(region.normal[0])) for region in regions) == [(0, -1), (1, 1)]
 
 
 def test_region_that_no_vertex_sees_is_left_out():
     world = room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)])
     surface = surface_of(wall_points(4.3, 1.0, 1.6, 1.0, 9.0), wall_points(0.2, 0, 8, 1.0, 1.0))
-    assert finder_with(surface).regions(graph_at((3.0, 1.3)), world.occupancy, 1.25) == ()
+    assert finder_with(surface).regions(graph_at((3.0, 1.3)), world.occupancy, 1.25, NONE) == ()
 
 
 def test_observed_region_does_not_come_back():
     world = room(4, 3)
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     graph = graph_at((2.5, 1.3))
-    (region,) = finder.regions(graph, world.occupancy, 1.25)
+    (region,) = finder.regions(graph, world.occupancy, 1.25, NONE)
     finder.mark_observed(region)
-    assert finder.regions(graph, world.occupancy, 1.25) == ()
+    assert finder.regions(graph, world.occupancy, 1.25, NONE) == ()
 
 
 def test_surface_seen_from_near_is_no_region():
     world = room(4, 3)
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     world.occupancy.seen_range_m[:] = CONFIG.anchor_range_m - 0.1
-    assert finder.regions(graph_at((2.5, 1.3)), world.occupancy, 1.25) == ()
+    assert finder.regions(graph_at((2.5, 1.3)), world.occupancy, 1.25, NONE) == ()
 
 
 def test_long_wall_is_one_region_per_vertex():
@@ -86,7 +89,7 @@ def test_long_wall_is_one_region_per_vertex():
     along = (wall[0][:, [1, 0, 2]], wall[1][:, [1, 0, 2]], wall[2])
     plain = [wall_points(x, 0.2, 3.2, 1.0, 1.0) for x in np.arange(0.2, 0.7, 0.05)]
     finder = finder_with(surface_of(along, *plain))
-    regions = finder.regions(graph_at((2.5, 1.5), (5.5, 1.5)), world.occupancy, 1.25)
+    regions = finder.regions(graph_at((2.5, 1.5), (5.5, 1.5)), world.occupancy, 1.25, NONE)
     assert sorted(region.vertex for region in regions) == [0, 1]
     left, right = sorted(regions, key=lambda region: region.centre_m[0])
     assert left.vertex == 0
@@ -107,7 +110,7 @@ def test_surface_outside_of_an_update_is_remembered():
     world = room(4, 3)
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     finder.update(surface_of(wall_points(0.2, 0.2, 3.2, 1.0, 1.0)), np.array([0.2, 1.7]), 2.0)
-    assert len(finder.regions(graph_at((2.5, 1.3)), world.occupancy, 1.25)) == 1
+    assert len(finder.regions(graph_at((2.5, 1.3)), world.occupancy, 1.25, NONE)) == 1
 
 
 def test_line_of_sight_ends_at_an_obstacle_and_passes_over_a_low_one():
@@ -119,7 +122,7 @@ def test_line_of_sight_ends_at_an_obstacle_and_passes_over_a_low_one():
 
 
 def test_empty_map_has_no_regions():
-    assert RegionFinder(CONFIG).regions(graph_at((1.0, 1.0)), room(4, 3).occupancy, 1.25) == ()
+    assert RegionFinder(CONFIG).regions(graph_at((1.0, 1.0)), room(4, 3).occupancy, 1.25, NONE) == ()
 
 
 def test_surface_that_is_known_well_forms_no_region():
@@ -131,4 +134,4 @@ def test_surface_that_is_known_well_forms_no_region():
     for error_m, count in ((0.02, 1), (0.001, 0)):
         finder = RegionFinder(CONFIG)
         finder.update(surface, np.array([4.0, 1.5]), 100.0, np.full(len(surface.uncertainty), error_m, np.float32))
-        assert len(finder.regions(graph, world.occupancy, 1.25)) == count
+        assert len(finder.regions(graph, world.occupancy, 1.25, NONE)) == count

@@ -16,7 +16,7 @@ RANGE_M = GvgConfig().gain_range_m
 def view(pose, missing):
     """A view of a room in which some pixels measured nothing."""
     T_world_camera = camera_pose(pose)
-    depth = room_depth(T_world_camera).copy()
+    depth = np.abs(room_depth(T_world_camera))
     depth[missing] = np.nan
     return Observation(0, 0.0, np.zeros((*depth.shape, 3), np.uint8), depth, CAMERA, T_world_camera, pose)
 

@@ -246,8 +246,8 @@ def test_all_outlines_of_a_polyline_count_and_the_inner_is_a_hole(tmp_path):
     assert trimesh.Trimesh(part.vertices_m, part.faces).volume == pytest.approx(2 * (16 - 4 + 1))
 
 
-def test_a_real_apartment_looks_as_the_same_apartment_in_one_file(dev_scenes, tmp_path, caplog):
-    world = dev_scenes / "gazebo_small_apartment" / "src" / "self_drive_sim" / "worlds" / "map1.world"
+def test_a_real_apartment_looks_as_the_same_apartment_in_one_file(public_scenes, tmp_path, caplog):
+    world = public_scenes / "gazebo_small_apartment" / "src" / "self_drive_sim" / "worlds" / "map1.world"
     if not world.is_file():
         pytest.skip("no Gazebo world beside the scenes")
     ours = import_scene(world, tmp_path / "world")
@@ -256,7 +256,7 @@ def test_a_real_apartment_looks_as_the_same_apartment_in_one_file(dev_scenes, tm
         (True, False),
         (False, True),
     ]
-    theirs = import_scene(dev_scenes / "small_apartment.glb", tmp_path / "glb")
+    theirs = import_scene(public_scenes / "small_apartment.glb", tmp_path / "glb")
     assert np.allclose(ours.bounds_m, theirs.bounds_m, atol=1e-3)
     assert tomllib.loads((ours.folder / "scene.toml").read_text())["floor_removed"] == 0.0
     for x, y in ((0.05, -0.33), (4.3, 3.2), (-3.2, 3.7)):

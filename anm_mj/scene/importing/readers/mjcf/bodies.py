@@ -93,21 +93,17 @@ def joints_of(model: mujoco.MjModel, data: mujoco.MjData, names: list[str]) -> d
     """The hinge or slide of every body that has exactly one joint, by the name of its part."""
     import mujoco
 
-    found = {}
-    for body in range(1, model.nbody):
+    found, kinds = {}, mujoco.mjtJoint
+    for body in np.flatnonzero(model.body_jntnum == 1).tolist():
         joint = int(model.body_jntadr[body])
-        if model.body_jntnum[body] != 1:
-            continue
-        kinds = mujoco.mjtJoint
-        if int(model.jnt_type[joint]) not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
-            continue
-        low, high = (float(value) for value in model.jnt_range[joint])
-        limited = bool(model.jnt_limited[joint])
-        found[names[body]] = Joint(
-            hinge=bool(int(model.jnt_type[joint]) == kinds.mjJNT_HINGE),
-            axis=data.xaxis[joint].copy(),
-            anchor_m=data.xanchor[joint].copy(),
-            value=float(data.qpos[model.jnt_qposadr[joint]]),
-            limits=(low, high) if limited else None,
-        )
+        kind = int(model.jnt_type[joint])
+        if kind in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
+            low, high = (float(value) for value in model.jnt_range[joint])
+            found[names[body]] = Joint(
+                hinge=bool(kind == kinds.mjJNT_HINGE),
+                axis=data.xaxis[joint].copy(),
+                anchor_m=data.xanchor[joint].copy(),
+                value=float(data.qpos[model.jnt_qposadr[joint]]),
+                limits=(low, high) if model.jnt_limited[joint] else None,
+            )
     return found

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from anm_mj.errors import SceneError
+from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
+from anm_mj.mjcf.read_mjcf import TIMESTEPS_S, OutsideError, read_spec
 from anm_mj.utils.file_limits import limit
-from anm_mj.utils.quiet_mujoco import quiet
-from anm_mj.utils.read_mjcf import TIMESTEPS_S, OutsideError, read_spec
 
 if TYPE_CHECKING:
     import mujoco
@@ -45,11 +45,7 @@ def is_mjcf(src: Path) -> bool:
 
 
 def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
-    """The model in a file.
-
-    Args:
-        src: The file.
-        folders: Where files that it names may lie, beside its own folder and those above.
+    """The model in a file; files that it names may lie in its own folder, those above, and ``folders``.
 
     Raises:
         SceneError: if the file is no MJCF, it or what it includes is missing or damaged, or it names files from
@@ -65,10 +61,10 @@ def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
     if tag not in ("mujoco", "mujocoinclude", "robot"):
         raise SceneError(f"{src} is no MuJoCo model: it begins with <{tag}>, not <mujoco>.")
     try:
-        with quiet(mujoco.set_mju_user_warning):
-            spec = read_spec(src, mujoco.MjSpec.from_file, others=folders, option="--model-path")
-            # What does not collide is what a camera sees, too.
-            spec.compiler.discardvisual = False
+        spec = read_spec(src, others=folders, option="--model-path")
+        # What does not collide is what a camera sees, too.
+        spec.compiler.discardvisual = False
+        with quiet_mujoco():
             return spec.compile()
     except OutsideError as err:
         raise SceneError(f"{src} is not read: {err}.") from err
@@ -117,7 +113,7 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     work = 0
     while data.time < _SETTLE_S:
         try:
-            with quiet(mujoco.set_mju_user_warning):
+            with quiet_mujoco():
                 for _ in range(max(1, round(0.1 / model.opt.timestep))):
                     mujoco.mj_fwdPosition(model, data)  # Finds the contacts without solving them.
                     work += _step_work(model, data)

@@ -14,9 +14,9 @@ from anm_mj.scene.raster import clip_to_slab, distance_cells, grid_over, label_c
 _WIDE_M = 20.0
 """A plane or height field wider than this is the ground [m]."""
 _FLOOR_RATIO = 3.0
-"""One that is not so many times as long as what stands on it is a floor, of a corridor or a hall."""
+"""A plane less than this many times as long as what stands on it is the floor of a corridor or a hall."""
 _OPEN_M = 8.0
-"""A world without outer walls gets at least so much ground to each side [m]."""
+"""Least width of the ground of a world without outer walls [m]."""
 _ENCLOSED = 0.8
 """A building is enclosed if obstacles stand along this share of its outline, ..."""
 _INSIDE = 0.5
@@ -45,12 +45,12 @@ def ground_box(
 ) -> tuple[Float64[np.ndarray, "2 3"], bool]:
     """The box to which grounds are cut: about everything else, or wider where no walls enclose it [m].
 
-    Returns:
-        The box, and whether walls enclose it: what is beside it is then no part of the building.
-
     Args:
         points_m: corners of everything that is no ground.
         obstacles_m: triangles that the robot may meet.
+
+    Returns:
+        The box, and whether walls enclose it, so that nothing beside it belongs to the building.
     """
     if not len(points_m):
         return np.array([[-_OPEN_M, -_OPEN_M, -_OPEN_M], [_OPEN_M, _OPEN_M, _OPEN_M]]) / 2.0, False
@@ -78,13 +78,7 @@ def _is_enclosed(
 
 
 def _are_walls_around(solid: Bool[np.ndarray, "rows cols"], side_m: float, cell_m: float) -> bool:
-    """Whether obstacles enclose the room in a grid.
-
-    Args:
-        solid: where they stand.
-        side_m: longer side of the grid [m].
-        cell_m: size of its cells [m].
-    """
+    """Whether obstacles enclose the room in a grid whose longer side is ``side_m`` long."""
     if not solid.any():
         return False
     rim = max(2, round(0.05 * side_m / cell_m))
@@ -141,10 +135,7 @@ def _in_frame(
 def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.ndarray, "2 3"]) -> bool:
     """Whether a plane has more room beside an enclosed building than in it: the robot would take that for the scene.
 
-    Args:
-        half_m: half the plane's width and depth [m].
-        up: of its normal, along the world's up axis.
-        box_m: about the building, z up.
+    ``half_m`` is half its width and depth, ``up`` the upward part of its normal, ``box_m`` the building, z up [m].
     """
     return up > _LEVEL and 4.0 * float(half_m.prod()) > 2.0 * float(np.ptp(box_m[:, :2], axis=0).prod())
 
@@ -170,12 +161,7 @@ def cut_height_field(
 
 
 def is_wide_slab(half_m: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray, "3 3"]) -> bool:
-    """Whether a box lies flat and is as wide as a ground.
-
-    Args:
-        half_m: half its lengths [m].
-        rotation: of its frame in the world.
-    """
+    """Whether a box of half lengths ``half_m`` [m] with a ``rotation`` in the world is as flat and wide as a ground."""
     upright = int(np.argmax(np.abs(rotation[2])))
     aside = np.delete(half_m, upright)
     return bool(abs(rotation[2, upright]) > _LEVEL and aside.max() > _WIDE_M / 2.0 and half_m[upright] < aside.min())
@@ -188,10 +174,7 @@ def cut_slab(
 ) -> Shape:
     """A box that lies flat, cut to what stands on it where it is a ground; whole where it is a floor or lies aside.
 
-    Args:
-        shape: the box; its vertices are its corners.
-        place: of its middle.
-        box_m: as :func:`ground_box`.
+    Its vertices are its corners, ``place`` is that of its middle, and ``box_m`` as of :func:`ground_box`.
     """
     low, high = _in_frame(box_m, place)
     half = shape.vertices_m.max(axis=0)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float64, UInt8
 
+from anm_mj.mjcf.texture_image import texture_image
 from anm_mj.scene.importing.bake_colours import bake_colours
 from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
@@ -88,12 +89,8 @@ class Looks:
         import mujoco
 
         if texture not in self._textures:
-            model = self._model
-            height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-            channels, at = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-            stored = model.tex_data[at : at + height * width * channels].reshape(height, width, channels)
-            stored = np.array(stored[:, :, :3] if channels >= 3 else np.repeat(stored[:, :, :1], 3, axis=2))
-            if int(model.tex_type[texture]) != mujoco.mjtTexture.mjTEXTURE_CUBE:
+            stored = texture_image(self._model, texture)
+            if int(self._model.tex_type[texture]) != mujoco.mjtTexture.mjTEXTURE_CUBE:
                 stored = resized(stored, MAX_TEXTURE_PX)
             self._textures[texture] = stored
         return self._textures[texture]

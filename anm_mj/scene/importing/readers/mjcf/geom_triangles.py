@@ -161,7 +161,7 @@ def _turned(
     radius: Float64[np.ndarray, " n"], z: Float64[np.ndarray, " n"], v: Float64[np.ndarray, " n"], slices: int
 ) -> Shape:
     """The surface of a profile, from its lower to its upper end, turned about z; u runs round."""
-    # Where u ends and begins anew, vertices are double.
+    # Vertices are double at the seam of u.
     azimuth = 2.0 * np.pi * (np.arange(slices + 1) % slices) / slices
     ring = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     shape = (len(z), slices + 1, 1)
@@ -192,8 +192,9 @@ def _capsule(slices: int, stacks: int, radius_m: float, half_m: float) -> Shape:
     """A capsule along z: a tube of twice ``half_m`` between two half spheres."""
     half = max(1, stacks // 2)
     share = np.arange(half + 1) / half
-    top = _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), 1.0 - share, slices)
-    bottom = _turned(np.cos(np.pi / 2.0 * share), -np.sin(np.pi / 2.0 * share), share, slices)
+    v = 1.0 - share
+    top = _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), v, slices)
+    bottom = _turned(np.cos(np.pi / 2.0 * share), -np.sin(np.pi / 2.0 * share), 1.0 - v, slices)
     bottom = replace(bottom, faces=bottom.faces[:, ::-1])
     ends = [
         replace(end, vertices_m=end.unit * radius_m + shift * half_m, unit=end.unit + shift)

@@ -18,8 +18,7 @@ def free_bodies(model: mujoco.MjModel) -> list[int]:
     """Bodies with a free joint."""
     import mujoco
 
-    joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    return [int(model.jnt_bodyid[joint]) for joint in joints]
+    return model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist()
 
 
 def movable_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, part: str) -> Movable:
@@ -29,22 +28,19 @@ def movable_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, part: str)
     T = rigid_transform(data.xmat[body], data.xpos[body])
     inverse = np.linalg.inv(T)
     mass = float(model.body_mass[members].sum())
-    centre = (
-        np.average(data.xipos[members], axis=0, weights=model.body_mass[members]) if mass > 0.0 else data.xpos[body]
-    )
-    inertia = np.zeros((3, 3))
+    centre, inertia = data.xpos[body], np.zeros((3, 3))
+    if mass > 0.0:
+        centre = np.average(data.xipos[members], axis=0, weights=model.body_mass[members])
     for member in members.tolist():
         axes = data.ximat[member].reshape(3, 3)
         offset = data.xipos[member] - centre
         inertia += axes @ np.diag(model.body_inertia[member]) @ axes.T
         inertia += float(model.body_mass[member]) * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     local = T[:3, :3].T @ inertia @ T[:3, :3]
-    solids = [
-        solid
-        for geom in np.flatnonzero(np.isin(model.geom_bodyid, members)).tolist()
-        if (solid := _solid(model, data, geom, inverse)) is not None
-    ]
-    return Movable(part, T, mass, (inverse[:3, :3] @ centre + inverse[:3, 3]), local, tuple(solids))
+    geoms = np.flatnonzero(np.isin(model.geom_bodyid, members)).tolist()
+    solids = (_solid(model, data, geom, inverse) for geom in geoms)
+    local_centre = inverse[:3, :3] @ centre + inverse[:3, 3]
+    return Movable(part, T, mass, local_centre, local, tuple(solid for solid in solids if solid is not None))
 
 
 def _solid(model: mujoco.MjModel, data: mujoco.MjData, geom: int, inverse: Float64[np.ndarray, "4 4"]) -> Solid | None:

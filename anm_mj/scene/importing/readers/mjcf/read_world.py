@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import mujoco
 
 DRAWN_GROUPS = (0, 1, 2)
-"""Geom groups that MuJoCo draws unless told otherwise."""
+"""Geom groups that MuJoCo draws by default."""
 
 _AXES = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}
 _UPRIGHT = 0.1
@@ -63,13 +63,8 @@ def read_mjcf(
 ) -> ParsedScene:
     """The world in an MJCF file, at its first key frame or as it is written.
 
-    Args:
-        src: The file.
-        model_paths: Folders where files that it names may lie, beside its own folder and those above.
-        report: Gets what is left out.
-        settle: Let all bodies drop until they rest.
-        movable: Keep free bodies movable.
-        groups: Geom groups that are drawn.
+    Files that it names may lie in its own folder, those above, and ``model_paths``; the report gets what is left out.
+    The other arguments are those of :func:`anm_mj.scene.importing.import_scene.import_scene`.
 
     Raises:
         SceneError: if the file cannot be compiled, or nothing in it is drawn.
@@ -79,10 +74,9 @@ def read_mjcf(
     reader = _Reader(model, data, groups)
     _report_left_out(model, reader.names, reader.robots, report)
     free = [body for body in free_bodies(model) if not reader.robots[body]]
-    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free) if movable else ()
-    if free and not movable:
-        for body in free:
-            report.add(_FREE, reader.names[body])
+    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free if movable)
+    for body in free if not movable else ():
+        report.add(_FREE, reader.names[body])
     drawn, solid = reader.read()
     if not drawn:
         shown = ", ".join(map(str, sorted(groups)))

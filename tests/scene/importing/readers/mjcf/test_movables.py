@@ -5,7 +5,7 @@ import pytest
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, Pose2
-from tests.scene.importing.readers.mjcf.test_read_world import room_xml, write_world
+from tests.scene.importing.readers.mjcf.worlds import room_xml, write_world
 
 
 @pytest.mark.parametrize(("mass", "gives_way"), [(2.0, True), (2000.0, False)])

@@ -10,17 +10,13 @@ from anm_mj.scene.build import build_model
 from anm_mj.scene.collision import SLICE_Z_MAX_M
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf
 from anm_mj.scene.importing.readers.source_formats import find_format
-from anm_mj.scene.importing.storeys import find_storeys
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear
 from anm_mj.types import Pose2
 from tests.scene.importing.readers.mjcf.compare import agreement, eyes_in
 from tests.scene.importing.readers.mjcf.house import write_house
+from tests.scene.importing.readers.mjcf.worlds import EYES, near, room_xml, write_world
 from tests.scene.view import look
-
-EYES = [(0.0, 0.0, 1.25, k * np.pi / 4) for k in range(8)] + [(-3, -1, 1, 0), (3, 1, 1.8, 3), (2, -3, 0.6, 0)]
 
 
 @pytest.fixture(scope="module")
@@ -28,24 +24,6 @@ def house(tmp_path_factory):
     folder = tmp_path_factory.mktemp("house")
     src = write_house(folder / "src")
     return src, import_scene(src, folder / "house")
-
-
-def write_world(path, body: str, more: str = ""):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(f"<mujoco>{more}<worldbody>{body}</worldbody></mujoco>")
-    return path
-
-
-def room_xml(half: float = 3.0, height: float = 2.5) -> str:
-    floor = f'<geom name="floor" type="plane" size="{half} {half} 1"/>'
-    walls = ((half, 0, 0.05, half), (-half, 0, 0.05, half), (0, half, half, 0.05), (0, -half, half, 0.05))
-    return floor + "".join(
-        f'<geom name="wall_{i}" type="box" pos="{x} {y} {height / 2}" size="{a} {b} {height / 2}"/>'
-        for i, (x, y, a, b) in enumerate(walls)
-    )
-
-
-ROOM_WALLS = room_xml().partition("/>")[2]
 
 
 def test_every_kind_of_geom_has_the_depth_that_mujoco_draws(house):
@@ -120,56 +98,12 @@ def test_a_project_scene_exported_as_mjcf_keeps_its_depth_and_its_room(tmp_path)
 def test_bodies_stand_at_the_key_frame_or_drop_to_rest(house, tmp_path):
     src, scene = house
     fallen = import_scene(src, tmp_path / "fallen", settle=True)
-    high = [own.geometry().vertices[:, 2][_near(own.geometry().vertices, (-1.0, 2.5), 0.25)] for own in (scene, fallen)]
+    high = [own.triangles()[0][:, 2][near(own.triangles()[0], (-1.0, 2.5), 0.25)] for own in (scene, fallen)]
     assert high[0][high[0] > 0.01].min() == pytest.approx(1.3, abs=0.01)
     assert high[1][high[1] > 0.01].max() == pytest.approx(0.4, abs=0.03)
     # The key frame has the chair a metre from where the file has it.
-    assert _near(scene.geometry().vertices, (2.0, -2.0), 0.5).any()
-    assert not (_near(scene.geometry().vertices, (1.0, -2.0), 0.3) & (scene.geometry().vertices[:, 2] > 0.1)).any()
-
-
-def _near(vertices, xy, radius):
-    inside = np.abs(vertices[:, :2] - np.array(xy)).max(axis=1) < radius
-    # The ceiling and the ground span everything, but have no corners inside.
-    return inside & (vertices[:, 2] < 2.4)
-
-
-def test_endless_and_wide_grounds_are_cut_to_the_building(tmp_path):
-    endless = room_xml().replace('size="3.0 3.0 1"', 'size="0 0 1"')
-    scene = import_scene(write_world(tmp_path / "a.xml", endless), tmp_path / "a")
-    assert np.allclose(scene.bounds_m[:, :2], [[-3.05, -3.05], [3.05, 3.05]], atol=1e-4)
-    wide = room_xml().replace('size="3.0 3.0 1"', 'size="80 80 1"')
-    scene = import_scene(write_world(tmp_path / "b.xml", wide), tmp_path / "b")
-    assert np.allclose(scene.bounds_m[:, :2], [[-3.05, -3.05], [3.05, 3.05]], atol=1e-4)
-    # A floor that is a bit longer than what stands on it stays whole.
-    corridor = '<geom type="plane" size="12 2 1"/><geom type="box" size="5 0.1 1" pos="0 0 1"/>'
-    scene = import_scene(write_world(tmp_path / "d.xml", corridor), tmp_path / "d")
-    assert np.allclose(scene.bounds_m[:, :2], [[-12, -2], [12, 2]], atol=1e-4)
-    # Without walls there is ground around things.
-    thing = '<geom type="plane" size="0 0 1"/><geom type="box" size="0.2 0.2 0.5" pos="1 0 0.5"/>'
-    scene = import_scene(write_world(tmp_path / "c.xml", thing), tmp_path / "c")
-    assert np.allclose(scene.bounds_m[:, :2], [[-3, -4], [5, 4]], atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("half", "at", "more"),
-    [
-        # A plane that ends, with more room outside of the house than inside.
-        (5.0, "0 0 0", ""),
-        # Walls that stand within the corners of others, and a front door.
-        (0.0, "0 0 0", '<geom type="box" pos="2.6 -3.5 1.2" size="0.05 0.6 1.2"/>'),
-        # A storey of its own height, far away, and one on a plinth above the ground.
-        (0.0, "2000 -3000 12", ""),
-        (0.0, "0 0 0.8", '<geom type="box" size="2.9 2.9 0.1" pos="0 0 -0.1"/>'),
-    ],
-)
-def test_the_robot_starts_in_the_house_and_not_on_the_ground_around_it(tmp_path, half, at, more):
-    house = f'<frame pos="{at}">{ROOM_WALLS}{more}</frame>'
-    height = 12.0 if at.endswith("12") else 0.0
-    ground = f'<geom type="plane" size="{half} {half} 1" pos="0 0 {height}"/>'
-    scene = import_scene(write_world(tmp_path / "src" / "world.xml", ground + house), tmp_path / "out")
-    start = scene.starts[0]
-    assert max(abs(start.x_m), abs(start.y_m)) < 2.9
+    assert near(scene.triangles()[0], (2.0, -2.0), 0.5).any()
+    assert not (near(scene.triangles()[0], (1.0, -2.0), 0.3) & (scene.triangles()[0][:, 2] > 0.1)).any()
 
 
 def test_planes_that_stand_upright_are_walls(tmp_path):
@@ -179,125 +113,6 @@ def test_planes_that_stand_upright_are_walls(tmp_path):
     scene = import_scene(src, tmp_path / "out")
     assert np.allclose(np.ptp(scene.bounds_m, axis=0)[:2], 6.0, atol=0.02)
     assert max(abs(scene.starts[0].x_m), abs(scene.starts[0].y_m)) < 2.9
-
-
-def test_the_ground_is_level_whatever_axis_points_up(tmp_path):
-    body = f'<frame euler="-90 0 0"><geom type="plane" size="0 0 1"/>{ROOM_WALLS}</frame>'
-    src = write_world(tmp_path / "src" / "world.xml", body, '<option gravity="0 -9.81 0"/>')
-    size = np.ptp(import_scene(src, tmp_path / "out").bounds_m, axis=0)
-    assert np.allclose(size, (6.1, 6.1, 2.5), atol=0.02)
-
-
-def test_a_terrain_without_walls_has_no_storeys(tmp_path):
-    rows, cols = np.indices((30, 30))
-    terraces = (np.hypot(rows - 15, cols - 15) // 5).astype(int).ravel()
-    heights = " ".join(map(str, terraces))
-    more = f'<asset><hfield name="t" nrow="30" ncol="30" size="9 9 6 1" elevation="{heights}"/></asset>'
-    src = write_world(tmp_path / "src" / "world.xml", '<geom type="hfield" hfield="t"/>', more)
-    scene = import_scene(src, tmp_path / "out")
-    assert scene.num_triangles > 1000
-    level = np.array([[[0, 0, 0], [20, 0, 0], [20, 20, 0]], [[0, 0, 0], [20, 20, 0], [0, 20, 0]]], dtype=float)
-    assert find_storeys(level) == []
-    # The level underside, a metre below, is no floor.
-    assert tomllib.loads((scene.folder / "scene.toml").read_text())["floor_removed"] > -0.05
-
-
-def test_a_wide_box_is_a_ground_and_keeps_its_texture_where_it_is_cut(tmp_path):
-    slab = '<geom type="box" size="900 600 0.5" pos="40 -30 -0.5" euler="0 0 20" material="board"/>'
-    board = (
-        '<asset><texture name="board" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="64" height="64"/>'
-        '<material name="board" texture="board" texrepeat="600 400"/></asset>'
-    )
-    walls = room_xml().partition("/>")[2]
-    src = write_world(tmp_path / "a.xml", slab + walls, board)
-    scene = import_scene(src, tmp_path / "a")
-    assert np.ptp(scene.bounds_m[:, 0]) < 12.0
-    assert agreement(src, scene, EYES[:4]) > 0.9999
-    ground = next(own for own in read_mjcf(src, [], ImportReport()).submeshes if own.texture is not None)
-    assert ground.uv is not None
-    # A square of the texture is 1.5 m long both ways, on whatever part of the ground.
-    top = ground.faces[(ground.vertices_m[ground.faces][:, :, 2] > -0.01).all(axis=1)]
-    for corners, uv in zip(ground.vertices_m[top], ground.uv[top], strict=True):
-        metres = np.linalg.norm(np.roll(corners, 1, axis=0) - corners, axis=1)
-        squares = np.linalg.norm((np.roll(uv, 1, axis=0) - uv) * (3.0, 3.0), axis=1)
-        np.testing.assert_allclose(squares, metres, rtol=1e-3)
-    # A floor that is as large as the hall on it stays whole.
-    hall = '<geom type="box" size="11 11 0.1" pos="0 0 -0.1"/><geom type="box" size="5 5 1" pos="0 0 1"/>'
-    scene = import_scene(write_world(tmp_path / "b.xml", hall), tmp_path / "b")
-    assert np.allclose(scene.bounds_m[:, :2], [[-11, -11], [11, 11]], atol=1e-4)
-
-
-def test_up_is_against_gravity(tmp_path):
-    turned = '<option gravity="0 -9.81 0"/>'
-    room = f'<body euler="-90 0 0">{room_xml()}<geom type="box" size="0.2 0.3 0.4" pos="1 2 0.4"/></body>'
-    scene = import_scene(write_world(tmp_path / "a.xml", room, turned), tmp_path / "a")
-    assert tomllib.loads((scene.folder / "scene.toml").read_text())["up"] == "y"
-    assert np.allclose(scene.bounds_m, [[-3.05, -3.05, 0.0], [3.05, 3.05, 2.5]], atol=1e-3)
-
-
-def test_gravity_that_is_no_number_is_said(tmp_path):
-    with pytest.raises(SceneError, match=r"gravity .*nan.* is no number"):
-        import_scene(write_world(tmp_path / "a.xml", room_xml(), '<option gravity="nan 0 0"/>'), tmp_path / "a")
-
-
-def test_what_does_not_collide_is_kept_whatever_the_file_says(tmp_path):
-    ghost = '<geom type="box" size="0.2 0.3 0.4" pos="1 2 0.4" contype="0" conaffinity="0"/>'
-    sizes = [
-        import_scene(write_world(tmp_path / f"{k}.xml", room_xml() + ghost, more), tmp_path / str(k)).num_triangles
-        for k, more in enumerate(("", '<compiler discardvisual="true"/>'))
-    ]
-    assert sizes[0] == sizes[1]
-
-
-def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tmp_path):
-    boxes = "".join(
-        f'<body pos="{1 + 0.05 * (i % 20)} {1 + 0.05 * (i // 20)} 0.1"><geom type="box" size="0.02 0.02 0.1"/></body>'
-        for i in range(200)
-    )
-    small = '<size memory="30K"/>'
-    src = write_world(tmp_path / "many.xml", room_xml() + boxes, small)
-    model = mujoco.MjModel.from_xml_path(str(src))
-    with pytest.raises(mujoco.FatalError):
-        mujoco.mj_forward(model, mujoco.MjData(model))
-    assert len(import_scene(src, tmp_path / "many").geometry().faces) > 200 * 12
-    src = write_world(tmp_path / "nan.xml", room_xml() + '<geom name="lost" size="0.1" pos="nan 0 0"/>')
-    with pytest.raises(SceneError, match="place of the geom lost is no number"):
-        import_scene(src, tmp_path / "nan")
-    for size in ("inf", "1e30"):
-        src = write_world(tmp_path / "wide.xml", room_xml() + f'<geom name="wide" type="box" size="1 {size} 1"/>')
-        with pytest.raises(SceneError, match="geom 'wide' is infinite, or reaches farther"):
-            import_scene(src, tmp_path / "wide")
-    src = write_world(tmp_path / "falls.xml", room_xml() + boxes.replace("<geom", "<freejoint/><geom", 1), small)
-    with pytest.raises(SceneError, match=r"cannot simulate the world.*--settle"):
-        import_scene(src, tmp_path / "falls", settle=True)
-
-
-def test_what_a_few_words_blow_up_is_counted_before_it_is_made(tmp_path):
-    ball = '<geom size="0.1"/>'
-    fine = '<visual><quality numslices="{0}" numstacks="{0}"/></visual>'
-    for name, body, quality in (("fine", ball, 100_000_000), ("many", ball * 200, 1000)):
-        src = write_world(tmp_path / f"{name}.xml", room_xml() + body, fine.format(quality))
-        with pytest.raises(SceneError, match=r"triangles.*ANM_MJ_MAX_TRIANGLES"):
-            import_scene(src, tmp_path / name)
-
-
-@pytest.mark.parametrize("timestep", ["1e-9", "10", "nan"])
-def test_a_world_that_would_settle_for_hours_is_refused(tmp_path, timestep):
-    ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
-    src = write_world(tmp_path / "world.xml", room_xml() + ball, f'<option timestep="{timestep}"/>')
-    with pytest.raises(SceneError, match=r"timestep of .*without --settle"):
-        import_scene(src, tmp_path / "out", settle=True)
-
-
-def test_bodies_that_touch_are_settled_within_a_budget(tmp_path, monkeypatch):
-    monkeypatch.setattr("anm_mj.scene.importing.readers.mjcf.compile_world.MAX_SETTLE_WORK", 1_000_000)
-    one = '<body pos="0 0 {0}"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>'
-    pile = "".join(one.format(0.05 + 0.09 * level) for level in range(60))
-    src = write_world(tmp_path / "world.xml", room_xml() + pile)
-    with pytest.raises(SceneError, match=r"360 degrees of freedom and \d+ contacts.*ANM_MJ_MAX_SETTLE_WORK"):
-        import_scene(src, tmp_path / "out", settle=True)
-    src = write_world(tmp_path / "world.xml", room_xml() + one.format(0.05))
-    assert len(import_scene(src, tmp_path / "out", settle=True).geometry().faces)
 
 
 def test_a_movable_object_keeps_its_mass_and_may_be_pushed(house, tmp_path):

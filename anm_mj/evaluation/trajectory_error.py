@@ -1,0 +1,120 @@
+"""How far the believed trajectory of a run is from the true one: ATE, RPE, what is left at the end.
+
+Sturm, Engelhard, Endres, Burgard and Cremers, A Benchmark for the Evaluation of RGB-D SLAM Systems, IROS 2012. Beside
+the ATE after alignment stands the same without: a map that is consistent and stands askew in the world has an aligned
+error of nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from anm_mj.frames import wrap_angle
+from anm_mj.io.run_records import FrameRecord
+
+RPE_M = 1.0
+"""Driven distance over which drift is measured [m]."""
+RPE_RAD = math.pi / 2
+"""Rotation over which drift is measured [rad]."""
+
+
+@dataclass(frozen=True)
+class TrajectoryError:
+    """Errors of the camera's believed poses; the fields are those of ``metrics.json``."""
+
+    position_rmse_cm: float
+    """Root mean square of the position error in the world, without alignment [cm]."""
+    ate_rmse_cm: float
+    """The same after the rigid alignment that makes it smallest (absolute trajectory error) [cm]."""
+    rpe_cm_per_m: float | None
+    """Root mean square of the drift of position over each metre driven [cm]; None for a shorter path."""
+    rpe_deg_per_m: float | None
+    """Likewise of the drift of rotation [deg]."""
+    rpe_deg_per_quarter_turn: float | None
+    """Root mean square of the drift of rotation over each 90 degrees turned [deg]; None for less."""
+    final_position_error_cm: float
+    """Error of the last position [cm]."""
+    final_heading_error_deg: float
+    """Error of the last heading [deg]."""
+    lost_percent: float
+    """Share of the frames whose pose was not known [%]."""
+    unmapped_percent: float
+    """Share of the frames whose pose was not good enough for the map, the lost ones included [%]."""
+
+
+def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
+    """The error of a run's trajectory; None where the poses that it believed are the true ones.
+
+    Args:
+        frames: of the run; at least one.
+    """
+    believed = np.array([frame.T_world_camera for frame in frames])
+    true = np.array([frame.T_true_camera for frame in frames])
+    if np.array_equal(believed, true):
+        return None
+    error_m = np.linalg.norm(believed[:, :3, 3] - true[:, :3, 3], axis=1)
+    T_true_believed = alignment(believed[:, :3, 3], true[:, :3, 3])
+    aligned = believed[:, :3, 3] @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]
+    path = np.cumsum(np.linalg.norm(np.diff(true[:, :3, 3], axis=0, prepend=true[:1, :3, 3]), axis=1))
+    steps = [true[max(k - 1, 0), :3, :3].T @ true[k, :3, :3] for k in range(len(true))]
+    turned = np.cumsum([_angle(step) for step in steps])
+    over_path, over_turn = _drift(believed, true, path, RPE_M), _drift(believed, true, turned, RPE_RAD)
+    last = frames[-1]
+    heading = wrap_angle(last.pose.yaw_rad - last.true_pose.yaw_rad)
+    return TrajectoryError(
+        position_rmse_cm=100.0 * _rms(error_m),
+        ate_rmse_cm=100.0 * _rms(np.linalg.norm(aligned - true[:, :3, 3], axis=1)),
+        rpe_cm_per_m=100.0 * _rms(over_path[:, 0]) if len(over_path) else None,
+        rpe_deg_per_m=math.degrees(_rms(over_path[:, 1])) if len(over_path) else None,
+        rpe_deg_per_quarter_turn=math.degrees(_rms(over_turn[:, 1])) if len(over_turn) else None,
+        final_position_error_cm=100.0 * float(error_m[-1]),
+        final_heading_error_deg=math.degrees(abs(heading)),
+        lost_percent=100.0 * float(np.mean([frame.is_lost for frame in frames])),
+        unmapped_percent=100.0 * float(np.mean([not frame.is_mapped for frame in frames])),
+    )
+
+
+def alignment(from_m: Float[np.ndarray, "n 3"], to_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4 4"]:
+    """The rigid motion that brings points as near as possible to others, in the least squares.
+
+    Umeyama, Least-Squares Estimation of Transformation Parameters Between Two Point Patterns, 1991; without scale.
+    """
+    centre_from, centre_to = from_m.mean(axis=0), to_m.mean(axis=0)
+    u, _, vt = np.linalg.svd((to_m - centre_to).T @ (from_m - centre_from))
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    T = np.eye(4)
+    T[:3, :3] = u @ mirror @ vt
+    T[:3, 3] = centre_to - T[:3, :3] @ centre_from
+    return T
+
+
+def _drift(
+    believed: Float[np.ndarray, "n 4 4"], true: Float[np.ndarray, "n 4 4"], along: Float[np.ndarray, " n"], reach: float
+) -> Float64[np.ndarray, "k 2"]:
+    """Drift in position [m] and rotation [rad] from each frame to the first one that is ``reach`` farther along."""
+    ends = np.searchsorted(along, along + reach)
+    found = []
+    for begin, end in enumerate(ends.tolist()):
+        if end >= len(along):
+            break
+        moved_believed = np.linalg.solve(believed[begin], believed[end])
+        moved_true = np.linalg.solve(true[begin], true[end])
+        apart = np.linalg.solve(moved_true, moved_believed)
+        found.append((float(np.linalg.norm(apart[:3, 3])), _angle(apart[:3, :3])))
+    return np.array(found, np.float64).reshape(-1, 2)
+
+
+def _angle(rotation: Float[np.ndarray, "3 3"]) -> float:
+    """Angle of a rotation [rad]."""
+    skew = rotation - rotation.T
+    sine = 0.5 * math.hypot(skew[2, 1], skew[0, 2], skew[1, 0])
+    return math.atan2(sine, 0.5 * (float(np.trace(rotation)) - 1.0))
+
+
+def _rms(values: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

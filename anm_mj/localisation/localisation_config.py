@@ -1,0 +1,203 @@
+"""Settings of localisation; light enough for the command line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from anm_mj.errors import MapError
+from anm_mj.utils.settings import check_settings, setting
+
+if TYPE_CHECKING:
+    from anm_mj.mapping.alignment import AlignSettings
+
+
+@dataclass(frozen=True)
+class RegistrationConfig:
+    """How one frame is registered to the field."""
+
+    num_points: int = setting(800, at_least=50, at_most=65_536)
+    """Pixels of a frame that are registered."""
+    range_m: float = 8.0
+    """Pixels farther away are left out [m]."""
+    iterations: int = setting(8, at_most=1000)
+    """Most steps of Gauss-Newton."""
+    shrink_iterations: int = setting(4, at_least=0)
+    """Steps over which the kernel on distances shrinks."""
+    recheck_after: int = setting(3, at_least=0)
+    """After so many steps, which points lie at known surface is found again."""
+    first_kernel: float = 20.0
+    """Width of the kernel on distances at first, in standard deviations."""
+    kernel: float = 2.5
+    """Width of it at the end."""
+    field_deviation_m: float = 0.01
+    """Standard deviation of the field's surface [m]."""
+    color_deviation: float = setting(0.1, at_least=0.0)
+    """Standard deviation of a colour channel in [0, 1]; 0 leaves colours out."""
+    color_kernel: float = 2.0
+    """Width of the kernel on colours, in standard deviations."""
+    information: float = 0.1
+    """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
+    retry_inliers: float = setting(0.75, at_least=0.0, at_most=1.0)
+    """A frame of whose known points a smaller share fits is registered from other headings too."""
+    retry_deviations: float = 1.5
+    """Which are so many standard deviations of the prior away."""
+    still_m: float = 2e-4
+    """The search ends with a step that moves the camera by less [m]."""
+    still_rad: float = 2e-4
+    """And turns it by less [rad]."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.registration", MapError)
+
+    def settings(self, share: float) -> AlignSettings:
+        """How residuals are weighted after a share of the shrinking, in [0, 1]."""
+        from anm_mj.mapping.alignment import AlignSettings  # Settings alone should not cost the import of numpy.
+
+        kernel = self.first_kernel * (self.kernel / self.first_kernel) ** share
+        return AlignSettings(kernel, self.field_deviation_m, self.color_deviation, self.color_kernel)
+
+
+@dataclass(frozen=True)
+class KeyImageConfig:
+    """Earlier frames that a frame is registered to, beside the field."""
+
+    num_images: int = setting(2, at_least=0, at_most=100)
+    """So many of them; 0 = the field alone."""
+    most_images: int = setting(300, at_least=2, at_most=100_000)
+    """So many are kept at most; then one of those that are most alike goes."""
+    longest_px: int = setting(160, at_least=16, at_most=4096)
+    """They are reduced to at most so many pixels along the longer side."""
+    least_overlap: float = 0.5
+    """An image is wanted that shows at least this share of the frame's points."""
+    most_apart_m: float = 2.0
+    """Images taken farther away show too little alike [m]."""
+    least_cosine: float = setting(0.5, at_least=-1.0, at_most=1.0)
+    """Cosine of the angle between the cameras' axes, at least."""
+    deviation_m: float = 0.005
+    """Standard deviation of a distance to an image's surface, beside the sensors' noise [m]."""
+    reach_m: float = 0.3
+    """Points that are farther from it are another surface [m]."""
+    edge_share: float = 0.03
+    """Where an image's depth bends by a larger share of itself, it is an edge."""
+    gray_deviation: float = setting(0.05, at_least=0.0)
+    """Standard deviation of a grey value in [0, 1]; 0 leaves them out."""
+    gray_kernel: float = 2.0
+    """Width of the kernel on grey values, in standard deviations."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.key_images", MapError)
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """How far the prior of a frame's pose is believed."""
+
+    odometry_alpha: tuple[float, float, float, float] = setting((0.01, 0.01, 0.01, 0.01), at_least=0.0)
+    """Odometry: variance of a rotation from rotation [rad^2/rad^2] and from translation [rad^2/m^2], of a translation
+    from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox, Probabilistic Robotics,
+    2005, table 5.6."""
+    odometry_floor: tuple[float, float] = (0.002, 0.002)
+    """Odometry: standard deviations of any motion, at least: of its translation [m], of its rotation [rad]."""
+    free_share: float = 0.5
+    """Constant velocity: standard deviation of a frame's motion as a share of the motion before it."""
+    free_translation_m: float = 0.01
+    """Constant velocity: and at least this, of the displacement [m]."""
+    free_rotation_rad: float = 0.015
+    """Constant velocity: and at least this, of the rotation [rad]."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.motion", MapError)
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """When a pose is good enough, and how much is trained meanwhile."""
+
+    least_inliers: float = setting(0.35, at_least=0.0, at_most=1.0)
+    """A frame enters the map when at least this share of its known points fits."""
+    least_known: float = setting(0.1, at_least=0.0, at_most=1.0)
+    """With fewer known points the map says nothing of a pose; the prior's stays."""
+    least_agreement: float = setting(0.7, at_least=0.0, at_most=1.0)
+    """And when of the points that the occupancy grid knows something of, it confirms at least this share."""
+    most_deviation_m: float = 0.05
+    """And when the standard deviation of its position is at most this [m]."""
+    most_deviation_rad: float = 0.03
+    """And that of its rotation at most this [rad]."""
+    lost_frames: int = setting(5, at_most=1000)
+    """So many frames in a row that do not fit make the camera lost."""
+    young_frames: int = setting(60, at_least=0)
+    """Mapped frames at first that are trained on with ``young_iterations``."""
+    young_iterations: int = setting(15, at_most=10_000)
+    """Training iterations on each of the first frames, which decide all later drift, and of those with new surface."""
+    iterations: int = setting(5, at_most=10_000)
+    """Training iterations on later ones."""
+    keyframe_every: int = setting(5, at_most=1e9)
+    """Each n-th mapped frame becomes a keyframe."""
+    fresh_keyframe_every: int = setting(1, at_most=1e9)
+    """Each n-th of the first frames, and of those that show much new surface."""
+    familiar: float = setting(0.9, at_least=0.0, at_most=1.0)
+    """A frame of whose points a smaller share is known shows much new surface."""
+    current_rays: int = setting(250, at_least=1, at_most=65_536)
+    """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.tracking", MapError)
+
+
+@dataclass(frozen=True)
+class RelocalisationConfig:
+    """How a lost camera is looked for."""
+
+    cell_m: float = setting(0.1, at_least=0.02, at_most=1.0)
+    """Cell of the grid of distances [m]."""
+    truncation_m: float = 0.4
+    """Largest distance of a point that counts [m]."""
+    unknown_m: float = 0.15
+    """What a point in unknown space counts as [m]."""
+    range_m: float = 5.0
+    """Pixels farther away take no part in the search [m]."""
+    spacing_m: float = 0.2
+    """Spacing of the places that are tried [m]."""
+    headings: int = setting(36, at_most=360)
+    """Headings that are tried at each."""
+    search_points: int = setting(100, at_most=10_000)
+    """Points of a frame that all places are scored by."""
+    refine_points: int = setting(300, at_most=10_000)
+    """Points that the best ones are refined by."""
+    candidates: int = setting(12, at_most=1000)
+    """Places that are registered to the field, and hypotheses that are kept."""
+    most_distance_m: float = 0.15
+    """Places with a larger mean distance are none [m]."""
+    deviation_m: float = 0.15
+    """Standard deviation of a candidate's place [m]."""
+    deviation_rad: float = 0.1
+    """And of its heading [rad]."""
+    iterations: int = setting(15, at_most=1000)
+    """Most steps of Gauss-Newton for each."""
+    least_known: float = 0.5
+    """A frame of whose points the map knows a smaller share counts for less."""
+    least_score: float = setting(0.6, at_most=1.0)
+    """A place is believed whose mean score over frames is at least this, in [0, 1],"""
+    least_lead: float = setting(0.1, at_least=0.0, at_most=1.0)
+    """larger than any other's by at least this,"""
+    frames: int = setting(4, at_most=1000)
+    """over at least so many frames."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.relocalisation", MapError)
+
+    def registration(self, usual: RegistrationConfig) -> RegistrationConfig:
+        """The settings by which a candidate is registered."""
+        return replace(usual, iterations=self.iterations, shrink_iterations=self.iterations // 2)
+
+
+@dataclass(frozen=True)
+class LocalisationConfig:
+    """Settings of the stage."""
+
+    registration: RegistrationConfig = RegistrationConfig()
+    key_images: KeyImageConfig = KeyImageConfig()
+    motion: MotionConfig = MotionConfig()
+    tracking: TrackingConfig = TrackingConfig()
+    relocalisation: RelocalisationConfig = RelocalisationConfig()

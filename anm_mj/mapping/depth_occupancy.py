@@ -1,0 +1,306 @@
+"""Free, occupied and unknown space, fused from depth; it stands beside the neural field, which knows no "unknown".
+
+Carving is conservative: a voxel becomes free only if the smallest depth in its whole pixel footprint lies behind it, so
+a table leg of a few pixels keeps its voxels, and so do the voxels it might hide. A hit weighs as much as several
+misses. Voxel centres lie at multiples of the voxel edge, so that a floor at z = 0 fills one layer and not, at random,
+two.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
+
+from anm_mj.errors import MapError
+from anm_mj.frames import pixel_directions
+from anm_mj.mapping.depth_noise import NoiseMean
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
+from anm_mj.sensing.pixel_state import free_space_depth
+from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, VoxelGrid
+from anm_mj.utils.arrays import embed
+from anm_mj.utils.file_limits import limit
+from anm_mj.utils.read_file import array_of
+
+_LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
+"""Blocks that the grid grows by at least, in height and in the plane."""
+_HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
+"""So many frames that contradict it change the state of a voxel of a prior run."""
+_FARTHEST_CELL = 1e8
+"""Voxels lie within this number of voxels about the origin."""
+MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
+"""Most voxels of a grid; each takes eight bytes."""
+_HIT_FOCAL_PX = 64.0
+"""Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
+taken from frame to frame."""
+
+
+def _check(state: dict[str, np.ndarray]) -> None:
+    """Raises ValueError for arrays that are no grid."""
+    shape = array_of(state, "log_odds", "i", (None, None, None)).shape
+    for name, kinds in (("state", "i"), ("num_hits", "iu")):
+        array_of(state, name, kinds, shape)
+    seen = state.get("seen_range_m")
+    if seen is None or seen.dtype.kind != "f" or seen.shape != shape or np.isnan(seen).any():
+        raise ValueError("seen_range_m does not fit log_odds")
+    corner = array_of(state, "corner", "i", (3,))
+    array_of(state, "block_stamp", "i", tuple(cells // BLOCK for cells in shape))
+    if any(cells % BLOCK for cells in shape) or np.abs(corner.astype(float)).max() > _FARTHEST_CELL:
+        raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
+    if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
+        raise ValueError(f"num_frames is {state['num_frames']}")
+    noise = array_of(state, "depth_noise", "f", (3,))
+    if not (noise >= 0.0).all():
+        raise ValueError(f"depth_noise is {noise.tolist()}")
+
+
+class DepthOccupancy:
+    """Voxels ``[layer, row, col]`` = ``[z, y, x]`` with 8-bit log-odds; grows by blocks and keeps what it holds."""
+
+    REBUILT = ("_kernels", "_rays")
+
+    def __init__(self, config: OccupancyConfig) -> None:
+        """An empty grid."""
+        self.config = config
+        self._kernels = OccupancyKernels(config)
+        shape = (0, 0, 0)
+        self.voxels = VoxelArrays(
+            log_odds=np.zeros(shape, np.int8),
+            state=np.zeros(shape, np.int8),
+            seen_range_m=np.zeros(shape, np.float32),
+            num_hits=np.zeros(shape, np.uint16),
+            block_stamp=np.zeros(shape, np.int32),
+            column_version=np.zeros((0, 0), np.int32),
+            corner=np.zeros(3, np.int64),
+        )
+        """``log_odds`` of being occupied in tenths, 0 where never observed. ``num_hits``: pixels of all frames that
+        fell into each voxel, up to 65535, images thinned to 64 px of focal length; near, frontal and repeated views all
+        add to it: it is the sampling density of the surface. ``block_stamp``: number of the last frame (from 1) that
+        had a hit in a block; 0 where none had. ``corner`` is a multiple of ``BLOCK``."""
+        self.noise = NoiseMean()
+        """How noisy the images are."""
+        self._num_frames = 0
+        self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The grid as it stands; its arrays are views, its version is the number of frames.
+
+        A voxel counts as changed when its state did, or when ``seen_range_m`` fell to another whole number of
+        ``SEEN_RANGE_STEP_M``.
+        """
+        voxels, edge = self.voxels, self.config.voxel_m
+        origin = (voxels.corner - 0.5) * edge
+        return VoxelGrid(voxels.state, voxels.seen_range_m, origin, edge, self._num_frames, voxels.column_version)
+
+    def surface_volume_m3(self) -> float:
+        """Volume of the blocks that ever had a hit in them [m3]: a measure of the scene."""
+        return float(np.count_nonzero(self.voxels.block_stamp) * (BLOCK * self.config.voxel_m) ** 3)
+
+    def blocks_with_hits(self) -> tuple[Int64[np.ndarray, "n 3"], Int32[np.ndarray, " n"]]:
+        """Blocks that ever had a hit in them, by x, y, z in blocks of the world, and the frame of the last one."""
+        layer, row, col = np.nonzero(self.voxels.block_stamp)
+        blocks = np.stack((col, row, layer), axis=1) + self.voxels.corner // BLOCK
+        return blocks, self.voxels.block_stamp[layer, row, col]
+
+    def integrate(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        range_m: float = math.inf,
+    ) -> None:
+        """Fuse one depth image: carve what was looked through, then mark what was hit.
+
+        Args:
+            depth_m: Planar depth [m]; +inf where the sensor looked farther than its range, NaN where it measured
+                nothing.
+            intrinsics: The camera.
+            T_world_camera: Camera to world.
+            range_m: The largest depth that the sensor measures [m].
+
+        Raises:
+            MapError: The grid would have more than ``MAX_VOXELS``.
+        """
+        self._num_frames += 1
+        self.noise.add(depth_m)
+        view = self._view(depth_m, intrinsics, T_world_camera)
+        stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
+        phase = self._num_frames % stride, self._num_frames // stride % stride
+        voxels, hit_depth = self._kernels.hits(view, phase, stride)
+        low, high = box = self._view_box(view, 0.0)
+        if len(voxels):
+            # Axis by axis: a reduction over many rows of three takes several times as long.
+            low = np.minimum(low, [axis.min() for axis in voxels.T])
+            high = np.maximum(high, [axis.max() for axis in voxels.T])
+        self._grow(low, high)
+        # What looked too far frees the space that the grid has, but the grid does not grow into the sky.
+        low, high = box
+        if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
+            view = view._replace(depth_m=free_space_depth(depth_m, range_m))
+            low, high = self._view_box(view, self.config.carve_range_m)
+        corner = self.voxels.corner
+        low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
+        self._kernels.carve(self.voxels, view, low, high, self._num_frames)
+        self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
+
+    def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+        """State of the voxels that hold world points; UNKNOWN outside the grid."""
+        inside, cells = self.voxels.cells_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
+        out = np.full(len(points_m), UNKNOWN, np.int8)
+        out[inside] = self.voxels.state[cells]
+        return out
+
+    def observation_count(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+    ) -> UInt16[np.ndarray, "h w"]:
+        """``num_hits`` of the voxel that each pixel of a depth image shows; 0 where it shows none of the grid."""
+        return self._kernels.counts(self.voxels, self._view(depth_m, intrinsics, T_world_camera))
+
+    def replay_weight(self, observation: Observation, exponent: float) -> Float32[np.ndarray, "h w"] | None:
+        """Weights by which an image's pixels are drawn for replay: its observation counts to the power -``exponent``.
+
+        An image shows a near floor with thousands of pixels and a chair's leg with ten, once. Uniform draws (None) keep
+        improving the floor while surface with few observations stays unlearnt.
+        """
+        if exponent == 0.0:
+            return None
+        count = self.observation_count(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        known = count > 0
+        # Pixels that show no surface get the weight of a typical one.
+        usual = np.median(count[known]) if known.any() else 1.0
+        return np.where(known, count, usual).astype(np.float32) ** np.float32(-exponent)
+
+    def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
+        """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
+        layers, rows, cols = self.voxels.state.shape
+        state = self.voxels.state.reshape(-1)
+        # Low and high voxel along x, y and z, as offsets into the raveled grid.
+        offsets, insides = [], []
+        for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+            ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
+            voxel = np.rint(ends / self.config.voxel_m).astype(np.int64) - self.voxels.corner[axis]
+            insides.append((voxel >= 0) & (voxel < count))
+            offsets.append(np.where(insides[-1], voxel, 0) * stride)
+        near = np.zeros(len(points_m), bool)
+        if not len(state):
+            return near
+        for x, y, z in np.ndindex(2, 2, 2):
+            inside = insides[0][x] & insides[1][y] & insides[2][z]
+            near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
+        return near
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a file holds, by name; views, as copies would take as much memory as the grid."""
+        arrays = self.voxels._asdict()
+        # A reader of the file reads everything anyway.
+        del arrays["column_version"]
+        return {**arrays, "num_frames": np.array(self._num_frames), "depth_noise": self.noise.array()}
+
+    def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`arrays` gave.
+
+        Raises:
+            ValueError: It was not given so.
+        """
+        _check(arrays)
+        self._num_frames = int(arrays["num_frames"])
+        self.noise.set_array(arrays["depth_noise"])
+        self.voxels = VoxelArrays(
+            log_odds=arrays["log_odds"].astype(np.int8),
+            state=arrays["state"].astype(np.int8),
+            seen_range_m=arrays["seen_range_m"].astype(np.float32),
+            num_hits=np.minimum(arrays["num_hits"], np.iinfo(np.uint16).max).astype(np.uint16),
+            block_stamp=arrays["block_stamp"].astype(np.int32),
+            column_version=np.full(arrays["block_stamp"].shape[1:], self._num_frames, np.int32),
+            corner=arrays["corner"].astype(np.int64),
+        )
+
+    def soften(self) -> None:
+        """Let a few frames change what earlier ones have found; the states stay as they are until then.
+
+        Within a run, many frames that agree make a voxel sure. Between two runs, furniture moves.
+        """
+        free = (1 - _HITS_THAT_FILL) * self.config.hit
+        occupied = _MISSES_THAT_EMPTY * self.config.miss
+        log_odds = np.clip(self.voxels.log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
+        self.voxels = self.voxels._replace(log_odds=log_odds)
+
+    def _view(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+    ) -> CameraView:
+        if self._rays is None or self._rays[0] != intrinsics:
+            self._rays = (intrinsics, pixel_directions(intrinsics).astype(np.float32))
+        rotation, position = T_world_camera[:3, :3].astype(np.float32), T_world_camera[:3, 3].astype(np.float32)
+        return CameraView(depth_m, self._rays[1], intrinsics, rotation, position)
+
+    def _view_box(self, view: CameraView, missing_m: float) -> tuple[Int64[np.ndarray, "3"], Int64[np.ndarray, "3"]]:
+        """Lowest and highest voxel of the box about the camera and all ray ends within the carving range.
+
+        Rays that looked farther than the sensor's range end at ``missing_m``.
+        """
+        # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
+        reach = view.depth_m[::4, ::4]
+        if not np.isfinite(reach).all():
+            reach = np.nan_to_num(reach, nan=0.0, posinf=missing_m)
+        reach = reach.clip(0.0, self.config.carve_range_m)
+        ends = (view.rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ view.rotation.T
+        low = np.minimum([axis.min() for axis in ends.T], np.float32(0.0)) + view.position
+        high = np.maximum([axis.max() for axis in ends.T], np.float32(0.0)) + view.position
+        edge = self.config.voxel_m
+        return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
+
+    def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
+        """Make room for voxels ``low`` to ``high`` (x, y, z, both included).
+
+        Raises:
+            MapError: There would be more than ``MAX_VOXELS``.
+        """
+        old = self.voxels
+        shape = np.array(old.state.shape[::-1])
+        if shape.all() and (low >= old.corner).all() and (high < old.corner + shape).all():
+            return
+        self._require_size(low, high)
+        step = BLOCK * np.array([_PLANE_BLOCKS, _PLANE_BLOCKS, _LAYER_BLOCKS])
+        new_low = np.floor_divide(low, step) * step
+        new_high = (np.floor_divide(high, step) + 1) * step
+        if shape.all():
+            new_low = np.minimum(new_low, old.corner)
+            new_high = np.maximum(new_high, old.corner + shape)
+        before = (old.corner - new_low) if shape.all() else np.zeros(3, np.int64)
+        new_shape, start = tuple((new_high - new_low)[::-1].tolist()), before[::-1]
+        block_shape = tuple(n // BLOCK for n in new_shape)
+        self.voxels = VoxelArrays(
+            log_odds=embed(old.log_odds, new_shape, start, 0),
+            state=embed(old.state, new_shape, start, UNKNOWN),
+            seen_range_m=embed(old.seen_range_m, new_shape, start, np.inf),
+            num_hits=embed(old.num_hits, new_shape, start, 0),
+            block_stamp=embed(old.block_stamp, block_shape, start // BLOCK, 0),
+            column_version=embed(old.column_version, block_shape[1:], start[1:] // BLOCK, 0),
+            corner=new_low,
+        )
+
+    def _require_size(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
+        """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large."""
+        # In floating point: what lies far beyond all bounds overflows whole numbers.
+        first, last = low.astype(np.float64), high + 1.0
+        if self.voxels.state.size:
+            first = np.minimum(first, self.voxels.corner)
+            last = np.maximum(last, self.voxels.corner + np.array(self.voxels.state.shape[::-1]))
+        cells = last - first
+        if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= _FARTHEST_CELL:
+            return
+        size = " x ".join(f"{edge_m:.4g}" for edge_m in cells * self.config.voxel_m)
+        raise MapError(
+            f"Frame {self._num_frames} lets the map extend over {size} m, which is {cells.prod():.3g} voxels of "
+            f"{self.config.voxel_m:g} m, but they end at {MAX_VOXELS}: check the poses, the camera and the unit of "
+            "depth, or set ANM_MJ_MAX_VOXELS if it should be so large."
+        )

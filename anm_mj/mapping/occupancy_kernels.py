@@ -1,0 +1,158 @@
+"""The kernels of the occupancy grid, in C++ (``native/occupancy.cpp``).
+
+They run on all cores; their results depend neither on the number of cores nor on the instruction set.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt16
+
+from anm_mj import _native
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.types import Intrinsics
+from anm_mj.utils.threads import usual_num_threads
+
+BLOCK = 16
+"""Voxels along the edge of a block, the unit of growth and of change."""
+SEEN_RANGE_STEP_M = 1.0
+"""How much nearer a voxel must have been seen to count as changed: readers compare with whole metres [m]."""
+FOOTPRINT = 0.7
+"""Half width in voxel edges of what counts as a voxel's footprint: half the diagonal of a face."""
+HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
+"""Half the diagonal of a voxel, in voxel edges."""
+MAX_REACH = 4
+"""Levels of the footprint pyramid beyond the first; the last spans 33 pixels."""
+
+Voxels = Int64[np.ndarray, "n 3"]
+"""x, y, z index of voxels."""
+
+
+class VoxelArrays(NamedTuple):
+    """The arrays of an occupancy grid, which the kernels change in place."""
+
+    log_odds: Int8[np.ndarray, "layers rows cols"]
+    state: Int8[np.ndarray, "layers rows cols"]
+    seen_range_m: Float32[np.ndarray, "layers rows cols"]
+    num_hits: UInt16[np.ndarray, "layers rows cols"]
+    block_stamp: Int32[np.ndarray, "block_layers block_rows block_cols"]
+    column_version: Int32[np.ndarray, "block_rows block_cols"]
+    corner: Int64[np.ndarray, "3"]
+    """x, y, z index of cell [0, 0, 0]."""
+
+    def cells_of(self, places: Int[np.ndarray, "n 3"]) -> tuple[Bool[np.ndarray, " n"], tuple[np.ndarray, ...]]:
+        """Which voxels, given by x, y, z index, lie in the grid, and the array indices of those that do."""
+        x, y, z = (places - self.corner).T
+        layers, rows, cols = self.state.shape
+        inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
+        return inside, (z[inside], y[inside], x[inside])
+
+
+class CameraView(NamedTuple):
+    """One depth image and where it was taken."""
+
+    depth_m: Float32[np.ndarray, "h w"]
+    rays: Float32[np.ndarray, "h w 3"]
+    """Through the pixels' centres in camera axes, scaled to z = 1."""
+    intrinsics: Intrinsics
+    rotation: Float32[np.ndarray, "3 3"]
+    """Camera to world."""
+    position: Float32[np.ndarray, "3"]
+    """In the world [m]."""
+
+    def to_voxels(self, voxel_m: float) -> tuple[Float32[np.ndarray, "3 3"], Float32[np.ndarray, "3"]]:
+        """Matrix and offset that turn points in camera axes [m] into places in the world in voxel edges."""
+        inverse = np.float32(1.0 / voxel_m)
+        return np.ascontiguousarray(self.rotation.T * inverse), self.position * inverse
+
+
+class OccupancyKernels:
+    """What changes and reads the arrays of a grid."""
+
+    def __init__(self, config: OccupancyConfig, num_threads: int | None = None, kernel: str = "") -> None:
+        """Make the kernels.
+
+        Args:
+            config: settings of the grid.
+            num_threads: threads to compute with; None = one per core, or as ``OMP_NUM_THREADS`` says.
+            kernel: instruction set to use; empty for the best of this processor.
+        """
+        self._config = config
+        self._native = _native.Occupancy(num_threads or usual_num_threads(), kernel)
+
+    def hits(self, view: CameraView, first: tuple[int, int], stride: int) -> tuple[Voxels, Float32[np.ndarray, " n"]]:
+        """The voxels that pixels hit and their depth [m], of every ``stride``-th row and column from ``first`` on."""
+        depth_m = np.ascontiguousarray(view.depth_m)
+        matrix, offset = view.to_voxels(self._config.voxel_m)
+        most = -(-depth_m.shape[0] // stride) * -(-depth_m.shape[1] // stride)
+        voxels, hit_depth = np.empty((most, 3), np.int64), np.empty(most, np.float32)
+        limit_m = self._config.hit_range_m
+        count = self._native.hits(
+            depth_m, view.rays, *first, stride, limit_m, matrix.reshape(-1), offset, voxels, hit_depth
+        )
+        return voxels[:count], hit_depth[:count]
+
+    def counts(self, voxels: VoxelArrays, view: CameraView) -> UInt16[np.ndarray, "h w"]:
+        """Hits so far in the voxel that each pixel shows; 0 where it shows none of the grid."""
+        depth_m = np.ascontiguousarray(view.depth_m)
+        matrix, offset = view.to_voxels(self._config.voxel_m)
+        self._native.bind(*voxels)
+        out = np.empty(depth_m.shape, np.uint16)
+        self._native.counts(depth_m, view.rays, self._config.hit_range_m, matrix.reshape(-1), offset, out)
+        return out
+
+    def carve(
+        self,
+        voxels: VoxelArrays,
+        view: CameraView,
+        low: Int64[np.ndarray, "3"],
+        high: Int64[np.ndarray, "3"],
+        frame: int,
+    ) -> None:
+        """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint.
+
+        Args:
+            voxels: the grid.
+            view: the image.
+            low: lowest voxel (x, y, z) of the box that is looked at; within the grid.
+            high: the highest one, included.
+            frame: number that changed blocks are stamped with.
+        """
+        config, pinhole = self._config, view.intrinsics
+        footprint_px = np.float32(FOOTPRINT * config.voxel_m * max(pinhole.fx, pinhole.fy))
+        self._native.bind(*voxels)
+        self._native.carve(
+            np.ascontiguousarray(view.depth_m),
+            pinhole.fx,
+            pinhole.fy,
+            pinhole.cx,
+            pinhole.cy,
+            np.ascontiguousarray(view.rotation).reshape(-1),
+            view.position,
+            low,
+            high,
+            config.voxel_m,
+            float(np.float32(config.voxel_m) * np.float32(HALF_DIAGONAL)),
+            float(footprint_px),
+            max(float(footprint_px) / (1 << MAX_REACH), config.voxel_m),
+            config.carve_range_m,
+            config.miss,
+            config.limit,
+            config.no_depth_is_free,
+            frame,
+        )
+
+    def mark(self, voxels: VoxelArrays, places: Voxels, depth_m: Float32[np.ndarray, " n"], frame: int) -> None:
+        """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near.
+
+        Args:
+            voxels: the grid.
+            places: the voxel that each pixel hit; within the grid.
+            depth_m: planar depth of each pixel [m].
+            frame: number that changed blocks are stamped with.
+        """
+        self._native.bind(*voxels)
+        self._native.mark(places, depth_m, SEEN_RANGE_STEP_M, self._config.hit, self._config.limit, frame)

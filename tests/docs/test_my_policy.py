@@ -1,0 +1,54 @@
+"""The template of a policy: short, on the core alone, and at work in the loop."""
+
+import ast
+import runpy
+
+import numpy as np
+
+from anm_mj.explore import explore
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.types import UNKNOWN, Pose2, StopReason
+from tests.docs.pages import ROOT
+from tests.fake_robot import FakeRobot, ListRecorder
+from tests.planning.worlds import room
+from tests.test_import_arrows import _FLOOR, imported_modules
+
+TEMPLATE = ROOT / "docs" / "templates" / "my_policy.py"
+
+
+class Seen:
+    """A world of which only what lies within 1.5 m of the robot's places is known."""
+
+    def __init__(self, world):
+        self.world, self.state = world, world.occupancy.state.copy()
+        world.occupancy.state[:] = UNKNOWN
+
+    def __getattr__(self, name):
+        return getattr(self.world, name)
+
+    def integrate(self, observation):
+        grid = self.world.occupancy
+        rows, cols = np.ogrid[: self.state.shape[1], : self.state.shape[2]]
+        away = np.hypot((cols + 0.5) * 0.05 - observation.pose.x_m, (rows + 0.5) * 0.05 - observation.pose.y_m)
+        grid.state[:, away < 1.5] = self.state[:, away < 1.5]
+        return self.world.integrate(observation)
+
+
+def test_the_template_has_sixty_lines_on_the_core_alone():
+    source = TEMPLATE.read_text()
+    assert len(source.splitlines()) <= 60
+    names = [name.split(".")[1] for _, name in imported_modules(source) if name.startswith("anm_mj.")]
+    assert names
+    assert {_FLOOR[name] for name in names} == {"core"}
+    assert ast.get_docstring(ast.parse(source))
+
+
+def test_the_template_explores_a_room_in_the_loop():
+    module = runpy.run_path(str(TEMPLATE))
+    policy = module["MyPolicy"](PolicyContext(FakeRobot.footprint, module["MyConfig"]()))
+    world = Seen(room(6, 4))
+    robot, recorder = FakeRobot(world.world, Pose2(1.0, 1.0, 0.0)), ListRecorder()
+    outcome = explore(robot, world, policy, num_steps=600, observers=(recorder,))
+    assert outcome.stop_reason is StopReason.COMPLETE
+    known = world.world.occupancy.state != UNKNOWN
+    assert known.mean() > 0.9

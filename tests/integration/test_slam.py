@@ -1,0 +1,88 @@
+"""Localisation in the loop: odometry that drifts, a run that is resumed, a robot that somebody moves."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anm_mj.config import make_config
+from anm_mj.events import Observed, On, Stepped
+from anm_mj.frames import move_pose
+from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.read_run import read_run
+from anm_mj.resume import resume
+from anm_mj.run import run
+from anm_mj.sim.sim_robot import SimRobot
+from anm_mj.types import StopReason
+from tests.scene.small import make_small_scene
+
+NOISY = ("model.wheel_noise=0.05", "image_px=64")
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("scenes") / "small"
+    make_small_scene(folder)
+    return folder
+
+
+def explore(scene, out, *settings, pose="slam", observers=(), steps=STEPS):
+    config = make_config("quick", [*NOISY, *settings], scene=str(scene), pose=pose, steps=steps, seed=3, device="cpu")
+    return run(config, out=out, observers=observers)[1]
+
+
+@pytest.fixture(scope="module")
+def localised(scene, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "slam"
+    return folder, explore(scene, folder)
+
+
+def test_the_map_corrects_what_the_wheels_get_wrong(scene, localised, tmp_path):
+    folder, metrics = localised
+    drifting = explore(scene, tmp_path / "odometry", pose="odometry")
+    assert drifting.position_rmse_cm > 1.0
+    assert metrics.position_rmse_cm < 0.3 * drifting.position_rmse_cm
+    assert metrics.final_heading_error_deg < 0.3 * drifting.final_heading_error_deg
+    assert metrics.observed_f_score > drifting.observed_f_score
+    assert metrics.lost_percent == 0.0
+    frames = read_jsonl(folder / "frames.jsonl")
+    assert all(frame["localisation"]["state"] == "TRACKING" for frame in frames)
+    assert len((folder / "trajectory_true.tum").read_text().splitlines()) == len(frames)
+
+
+def test_a_seed_gives_the_same_run_and_an_interrupted_one_goes_on_to_the_same_end(scene, localised, tmp_path):
+    stop = On(Stepped, lambda stepped: stepped.step == 23)
+    explore(scene, tmp_path / "run", "checkpoint.every_steps=5", observers=(stop,))
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["stop_reason"] == "INTERRUPTED"
+    resume(tmp_path / "run")
+    for name in ("frames.jsonl", "trajectory.tum", "trajectory_true.tum"):
+        assert (tmp_path / "run" / name).read_text() == (localised[0] / name).read_text()
+    assert (tmp_path / "run" / "mesh.ply").read_bytes() == (localised[0] / "mesh.ply").read_bytes()
+
+
+def kidnap(monkeypatch, at_step, forward_m, turn_rad):
+    """Move the robot once, without its wheels."""
+    act = SimRobot.act
+
+    def moved(self, action):
+        if self.step == at_step:
+            self._drive._base.place(move_pose(self.pose, forward_m, turn_rad))
+        return act(self, action)
+
+    monkeypatch.setattr(SimRobot, "act", moved)
+
+
+def test_a_robot_that_somebody_moved_maps_nothing_until_it_knows_where_it_is(scene, tmp_path, monkeypatch):
+    kidnap(monkeypatch, 45, 0.0, np.pi / 2)
+    seen = []
+    metrics = explore(scene, tmp_path / "run", observers=(On(Observed, seen.append),), steps=110)
+    lost = [event.observation.step for event in seen if event.estimate.state == "LOST"]
+    assert lost
+    assert 45 < min(lost) <= 55
+    assert all(event.update.num_iterations == 0 for event in seen if event.estimate.state == "LOST")
+    assert max(lost) - min(lost) <= 40 or metrics.stop_reason == StopReason.LOST
+    last = read_run(tmp_path / "run").frames[-1]
+    if metrics.stop_reason != StopReason.LOST:
+        assert np.linalg.norm(last.pose.xy_m - last.true_pose.xy_m) < 0.05

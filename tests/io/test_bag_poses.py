@@ -1,0 +1,22 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from anm_mj.io.bag_poses import Track
+
+
+def test_poses_in_between():
+    track = Track("poses")
+    for time_s, yaw in ((1.0, 0.4), (1.2, 0.8)):
+        quaternion = Rotation.from_euler("z", yaw).as_quat()
+        track.add(time_s, np.array([time_s, 0.0, 0.0, *quaternion]))
+    T = track.at(1.05)
+    assert T is not None
+    assert T[0, 3] == pytest.approx(1.05)
+    assert math.atan2(T[1, 0], T[0, 0]) == pytest.approx(0.5)
+    assert track.at(0.4) is None
+    assert track.at(1.8) is None
+    track.add(9.0, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    assert track.at(5.0) is None
