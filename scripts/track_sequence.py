@@ -56,7 +56,9 @@ def main(
         odometry=not free,
         base_pose=base_pose if free else None,
     )
-    odometry = NoisyOdometry(SensorConfig(odometry_alpha=(odometry_alpha,) * 4), seed)
+    odometry = NoisyOdometry(
+        SensorConfig(odometry_alpha=(odometry_alpha, odometry_alpha, odometry_alpha, odometry_alpha)), seed
+    )
     found, true, track_s, unusable = [], [], 0.0, 0
     for frame in sequence.observations():
         if len(found) >= frames:
@@ -73,8 +75,8 @@ def main(
     apart = np.linalg.norm(found_m - true_m, axis=1)
     aligned = np.linalg.norm(transform_points(alignment(found_m, true_m), found_m) - true_m, axis=1)
     print(
-        f"{len(found)} frames ({layout}): ATE RMSE {_rmse_cm(apart):.2f} cm, aligned {_rmse_cm(aligned):.2f} cm, "
-        f"at the end {100 * apart[-1]:.1f} cm; {unusable} not mapped; {1e3 * track_s / len(found):.1f} ms of CPU a frame"
+        f"{len(found)} frames ({layout}): RMSE {_rmse_cm(apart):.2f} cm, aligned {_rmse_cm(aligned):.2f} cm, "
+        f"at the end {100 * apart[-1]:.1f} cm; {unusable} not mapped; {1e3 * track_s / len(found):.1f} ms of CPU each"
     )
 
 
