@@ -179,8 +179,8 @@ class RelocalisationConfig:
     """A frame of whose points the map knows a smaller share counts for less."""
     least_score: float = setting(0.6, at_most=1.0)
     """A place is believed whose mean score over frames is at least this, in [0, 1],"""
-    least_lead: float = setting(0.1, at_least=0.0, at_most=1.0)
-    """larger than any other's by at least this,"""
+    least_lead: float = setting(0.2, at_least=0.0)
+    """leads every other by at least this over the root of the frames that both were compared with,"""
     frames: int = setting(4, at_most=1000)
     """over at least so many frames."""
 
