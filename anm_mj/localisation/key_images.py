@@ -59,8 +59,10 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
     rows, cols = k.height // factor, k.width // factor
     picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
-    gray = gray_values(observation.rgb[: rows * factor, : cols * factor].astype(np.float32))
-    gray = gray.reshape(rows, factor, cols, factor).mean(axis=(1, 3)) / np.float32(255.0)
+    gray = gray_values(observation.rgb.astype(np.float32)) / np.float32(255.0)
+    if factor > 1:
+        # About the picked pixel: the mean of an even block would stand half a pixel beside its ray.
+        gray = ndimage.uniform_filter(gray, factor | 1, mode="nearest")[picked]
     # The picked pixel's centre is the reduced pixel's; of an even factor it lies half a pixel behind the middle.
     shift = 0.5 - (factor // 2 + 0.5) / factor
     camera = np.array([k.fx / factor, k.fy / factor, k.cx / factor + shift, k.cy / factor + shift])

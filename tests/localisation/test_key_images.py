@@ -84,6 +84,16 @@ def test_a_reduced_pixel_keeps_its_ray(size: tuple[int, int], room: Room) -> Non
     assert (row + 0.5 - cy) / fy == pytest.approx((source[0] + 0.5 - camera.cy) / camera.fy)
 
 
+@pytest.mark.parametrize("longest", [32, 43, 64, 128])
+def test_a_reduced_grey_value_stands_on_its_ray(longest: int, room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.3, size=128)
+    ramp = np.broadcast_to(np.arange(128, dtype=np.uint8)[None, :, None], (128, 128, 3))
+    image = key_image(replace(frame, rgb=ramp), longest)
+    factor = math.ceil(128 / longest)
+    expected = (np.arange(3, 20) * factor + factor // 2) / 255.0
+    np.testing.assert_allclose(image.gray[10, 3:20], expected, atol=1e-5)
+
+
 def test_of_too_many_images_one_of_those_most_alike_goes(room: Room) -> None:
     kept = KeyImages(replace(CONFIG, most_images=3))
     for step, yaw in enumerate((0.0, 0.5, 0.52, 1.5)):
