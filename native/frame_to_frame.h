@@ -36,6 +36,7 @@ struct FrameAlignment {
     double deviation = 0.0;   // of a surface's distance beside the sensors' noise, m
     double kernel = 0.0;      // of Geman and McClure, in deviations
     double reach = 0.0;       // points that are farther from the surface are not the same, m
+    int stencil = 1;          // normals come from pixels so far away
     double edge_share = 0.0;  // depth that bends by a larger share of itself is an edge
     double gray_deviation = 0.0, gray_kernel = 0.0;  // 0 = without grey values
 };
@@ -50,18 +51,18 @@ inline void add_row(NormalEquations& out, const double (&row)[6], double residua
 }
 
 // The surface about a pixel: its point, its unit normal. False at edges and where a neighbour was not measured.
-inline bool surface_at(const Image& image, int row, int col, double edge_share, double (&point)[3], double (&normal)[3]) {
+inline bool surface_at(const Image& image, int row, int col, int stencil, double edge_share, double (&point)[3], double (&normal)[3]) {
     const double z = image.depth_at(row, col);
-    const double left = image.depth_at(row, col - 1), right = image.depth_at(row, col + 1);
-    const double up = image.depth_at(row - 1, col), down = image.depth_at(row + 1, col);
+    const double left = image.depth_at(row, col - stencil), right = image.depth_at(row, col + stencil);
+    const double up = image.depth_at(row - stencil, col), down = image.depth_at(row + stencil, col);
     if (z == 0.0 || left == 0.0 || right == 0.0 || up == 0.0 || down == 0.0) return false;
     if (std::abs(left + right - 2.0 * z) > edge_share * z || std::abs(up + down - 2.0 * z) > edge_share * z) return false;
     double a[3], b[3], other[3];
-    image.point(row, col + 1, right, a);
-    image.point(row, col - 1, left, other);
+    image.point(row, col + stencil, right, a);
+    image.point(row, col - stencil, left, other);
     for (int axis = 0; axis < 3; ++axis) a[axis] -= other[axis];
-    image.point(row + 1, col, down, b);
-    image.point(row - 1, col, up, other);
+    image.point(row + stencil, col, down, b);
+    image.point(row - stencil, col, up, other);
     for (int axis = 0; axis < 3; ++axis) b[axis] -= other[axis];
     // Towards the camera.
     normal[0] = b[1] * a[2] - b[2] * a[1];
@@ -92,7 +93,7 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
         const double u = image.fx * p[0] / p[2] + image.cx, v = image.fy * p[1] / p[2] + image.cy;
         if (!(u >= 1.0 && v >= 1.0 && u < image.width - 1.0 && v < image.height - 1.0)) continue;
         double surface[3], normal[3];
-        if (!surface_at(image, static_cast<int>(v), static_cast<int>(u), at.edge_share, surface, normal)) continue;
+        if (!surface_at(image, static_cast<int>(v), static_cast<int>(u), at.stencil, at.edge_share, surface, normal)) continue;
         double distance = 0.0, incidence = 0.0;
         for (int axis = 0; axis < 3; ++axis) {
             distance += normal[axis] * (p[axis] - surface[axis]);

@@ -14,7 +14,7 @@ nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, 
     require(points.shape(1) == 3 && gray.size() == count && variance.size() == count && trust.size() == count,
             "grey values, variance and trust need a value per point");
     require(image_gray.shape(0) == depth.shape(0) && image_gray.shape(1) == depth.shape(1), "the images differ in size");
-    require(camera.size() == 4 && T.shape(0) >= 3 && T.shape(1) == 4 && settings.size() == 7, "wrong sizes");
+    require(camera.size() == 4 && T.shape(0) >= 3 && T.shape(1) == 4 && settings.size() == 8, "wrong sizes");
     const anm::FramePoints frame{points.data(), nullptr, variance.data(), trust.data(), static_cast<int>(count)};
     const anm::Image image{depth.data(), image_gray.data(), static_cast<int>(depth.shape(1)),
                            static_cast<int>(depth.shape(0)), camera(0), camera(1), camera(2), camera(3)};
@@ -30,6 +30,7 @@ nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, 
     at.edge_share = settings(4);
     at.gray_deviation = settings(5);
     at.gray_kernel = settings(6);
+    at.stencil = static_cast<int>(settings(7));
     anm::NormalEquations sums[2];
     {
         nb::gil_scoped_release release;

@@ -20,8 +20,8 @@ from anm_mj.errors import TaskError
 class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
     """Wraps :class:`~anm_mj.environments.load.ExploreEnvironment`: same observations, actions and rewards.
 
-    STOP or a robot that can drive no more terminates an episode, the number of steps truncates it. ``info`` contains
-    the ``coverage`` so far (in [0, 1]), whether the last action ``collided``, why the robot can drive no more
+    STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it. ``info`` contains
+    the ``coverage`` so far (in [0, 1]), whether the last action ``collided``, why the robot can no longer drive
     (``fault``, such as "TOPPLED", else ""), the true ``pose`` in the world (x [m], y [m], yaw [rad]), and the name of
     the ``scene``.
     """

@@ -15,10 +15,11 @@ from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
 from anm_mj.robot.robot_config import DEFAULT_ROBOT
-from anm_mj.robot.robot_presets import preset_config, robot_path
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.make_robot import FOOTPRINT
+from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import Footprint
 
 TASKS = ("explore",)
@@ -38,7 +39,7 @@ class ExploreEnvironment(control.Environment):
         return self._task
 
     def reward_spec(self) -> specs.Array:
-        """Bounds of the reward: a fraction of the observable surface in [0, 1], square metres, or bits."""
+        """Bounds of the reward: a share of the observable surface in [0, 1], square metres, or bits."""
         return self._task.reward_spec()
 
     def close(self) -> None:
@@ -76,20 +77,19 @@ def load_environment(
         raise TaskError("The list of scenes is empty; give at least one.")
     loaded = [load_scene(name) for name in names]
     scenes = tuple(_shared_scene(one.folder.resolve(), one.hash) for one in loaded)
-    return ExploreEnvironment(
-        RobotPhysics(config.simulation), ExploreTask(scenes, config, _footprint(config.robot), seed)
-    )
+    simulation = config.simulation
+    return ExploreEnvironment(RobotPhysics(simulation), ExploreTask(scenes, config, _footprint(simulation), seed))
 
 
-def _footprint(robot: str) -> Footprint:
+def _footprint(config: SimulationConfig) -> Footprint:
     """The body of a robot, which decides where episodes may start."""
-    path = robot_path(robot)
-    if robot == DEFAULT_ROBOT:
+    path = robot_path(config.robot)
+    if config.robot == DEFAULT_ROBOT:
         return FOOTPRINT
     select_backend()  # MuJoCo, which reads the file, must not be imported before.
     from anm_mj.robot.description import describe_robot
 
-    return describe_robot(path, preset_config(robot)).footprint
+    return describe_robot(path, config.model).footprint
 
 
 @functools.lru_cache(maxsize=64)

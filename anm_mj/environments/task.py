@@ -17,9 +17,8 @@ from anm_mj.environments.environment_config import REACH_M, EnvironmentConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import Reward, reward_spec
-from anm_mj.environments.sample_grid import SampleGrid
 from anm_mj.environments.starts import sample_start
-from anm_mj.environments.surface_coverage import IncrementalCoverage, observable_surface
+from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.scene.folder import Scene, default_steps
@@ -43,7 +42,7 @@ def relative_pose(start: Pose2, pose: Pose2) -> Float32[np.ndarray, "3"]:
 class ExploreTask(control.Task):
     """Rewards what every view brings.
 
-    STOP or a robot that can drive no more terminates an episode, the number of steps truncates it.
+    STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it.
     """
 
     def __init__(self, scenes: Sequence[Scene], config: EnvironmentConfig, footprint: Footprint, seed: int) -> None:
@@ -166,7 +165,7 @@ class ExploreTask(control.Task):
         return reward_spec(self._config.reward)
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
-        """Discount 0 after STOP and where the robot can drive no more, 1 at truncation, None within an episode."""
+        """Discount 0 after STOP and where the robot can no longer drive, 1 at truncation, None within an episode."""
         if self._stopped or (physics.result is not None and physics.result.fault is not None):
             return 0.0
         return 1.0 if self._steps >= self.num_steps else None

@@ -21,7 +21,7 @@ RANGE_M = 4.7
 class RepeatAction(gymnasium.Wrapper):
     """Executes every action several times, up to a collision or the end; rewards add up.
 
-    A step of 6.5 cm or 10 degrees changes so little that an agent which draws each anew stays where it is.
+    A step of 6.5 cm or 10 degrees changes little: an agent that draws every step at random stays where it is.
     """
 
     def __init__(self, env: gymnasium.Env, times: int) -> None:

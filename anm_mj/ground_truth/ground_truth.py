@@ -17,7 +17,7 @@ COVERED_M = 0.05
 NUM_SAMPLES = 200_000
 """Samples of the true surface (paper's protocol)."""
 _MOST_EQUAL = 1000
-"""No surface has so many samples in one place, and a search tree of equal points is as slow as a list."""
+"""No surface has this many samples in one place, and a search tree of equal points is as slow as a list."""
 
 
 def sample_triangles(

@@ -20,13 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
-from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics, PixelRays
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
+from anm_mj.scene.raster import distance_in_walls
 from anm_mj.utils.raycast import RayCaster
 
 NUM_ROUNDS = 288
@@ -80,7 +80,7 @@ class ReachableArea:
     @property
     def clearance_m(self) -> Float[np.ndarray, "rows cols"]:
         """Distance from each cell's centre to the nearest unreachable one, beyond the grid included [m]."""
-        return np.asarray(distance_transform_edt(np.pad(self.reachable, 1)))[1:-1, 1:-1] * self.resolution_m
+        return distance_in_walls(self.reachable) * self.resolution_m
 
 
 def observable_samples(

@@ -1,8 +1,8 @@
 """Where in the map a frame could have been taken: all places and headings, scored by the distance to occupied voxels.
 
-The field's own basin is small (10 cm, 4 degrees), so a camera that is lost is first looked for here. The camera's height
-and tilt are known; what is searched are x, y and the heading. A point scores by its distance to the nearest occupied
-voxel, truncated; a point in unknown space by a constant.
+The field's own basin is small (10 cm, 4 degrees), so a camera that is lost is first looked for here. The camera's
+height and tilt are known; what is searched are x, y and the heading. A point scores by its distance to the nearest
+occupied voxel, truncated; a point in unknown space by a constant.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def refined(
     best = (math.inf, *pose)
     for yaw in turns.tolist():
         arms = points.camera_m @ (turned(yaw) @ T_level)[:3, :3].T
-        at = (arms + [pose[0], pose[1], T_level[2, 3]] - grid.origin_m) / grid.cell_m
+        at = (arms + np.array([pose[0], pose[1], T_level[2, 3]]) - grid.origin_m) / grid.cell_m
         for dy in offset.tolist():
             for dx in offset.tolist():
                 value = float(_values(grid, at + np.array([dx, dy, 0.0]) / grid.cell_m).mean())

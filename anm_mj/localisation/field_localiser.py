@@ -20,6 +20,7 @@ from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odom
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.depth_noise import inverse_depth_noise
 from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
@@ -56,11 +57,11 @@ class FieldLocaliser:
             neural_map: What frames are registered to, and are mapped into by somebody else.
             config: Settings.
             seed: What the choice of points comes from.
-            planar: Whether the camera moves with a base on the floor (x, y, yaw), its height and tilt being those of the
+            planar: Whether the camera moves with a base on the floor (x, y, yaw), at the height and tilt of the
                 observations, or freely.
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
-            lost: Whether the first pose is unknown in a map that there is already, but for the camera's height and tilt.
+            lost: Whether there is a map already, in which of the first pose only height and tilt are known.
         """
         self.config = config
         self._map = neural_map
@@ -72,6 +73,7 @@ class FieldLocaliser:
         self._num_frames = 0
         self._num_mapped = 0
         self._since_keyframe = 0
+        self._agreement = math.nan
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
@@ -96,8 +98,6 @@ class FieldLocaliser:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
-            if self._num_frames == 1:
-                self._key_images.add(observation)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
         noise = self._map.occupancy.by_depth.noise.value
@@ -111,6 +111,7 @@ class FieldLocaliser:
         extra = self._extra(points, prior, noise)
         found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
+        self._agreement = fits.share
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
@@ -139,8 +140,12 @@ class FieldLocaliser:
         is_keyframe = self._since_keyframe >= (tracking.fresh_keyframe_every if fresh else tracking.keyframe_every)
         if is_keyframe:
             self._since_keyframe = 0
-            self._key_images.add(estimate.observation)
-        iterations = tracking.young_iterations if young else tracking.iterations
+            noise = self._map.occupancy.by_depth.noise.value
+            if not math.isfinite(noise):
+                # The map has not seen the sensor yet.
+                noise = inverse_depth_noise(estimate.observation.depth_m) or 0.0
+            self._key_images.add(estimate.observation, noise)
+        iterations = tracking.young_iterations if fresh else tracking.iterations
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
     def _extra(self, points: FramePoints, prior: Prior, noise_per_m: float) -> Extra | None:
@@ -242,7 +247,7 @@ class FieldLocaliser:
         if found is None:
             quality = RegistrationQuality(0.0, 0.0, math.nan, 0, dof)
         else:
-            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
+            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof, self._agreement)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         return PoseEstimate(placed, covariance, quality, self._state, usable and self._state is TrackingState.TRACKING)

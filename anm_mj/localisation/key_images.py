@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
+from scipy import ndimage
 
 from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
@@ -18,6 +19,12 @@ from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
 
+_MOST_TRIED, _LATEST_TRIED = 12, 3
+"""Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
+_LITTLE_NOISE_PER_M = 2e-4
+"""Sensors with less depth noise give normals from pixel to pixel [1/m]."""
+_RADIUS_PX = 2
+"""Depth of others is averaged over squares that reach so far."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
 
 
@@ -33,6 +40,8 @@ class KeyImage:
     """fx, fy, cx, cy [px]."""
     T_world_camera: Float[np.ndarray, "4 4"]
     step: int
+    radius_px: int = 0
+    """Depth is the mean of a square about each pixel that reaches so far."""
 
 
 def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:
@@ -40,19 +49,48 @@ def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]
     return rgb @ _GRAY
 
 
-def key_image(observation: Observation, longest_px: int) -> KeyImage:
-    """A frame, reduced by a whole factor to at most so many pixels along its longer side; depth is picked, grey averaged."""
+def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.0) -> KeyImage:
+    """A frame, reduced by a whole factor to at most so many pixels along its longer side.
+
+    Grey values are averaged, depth is picked, so that no pixel lies between two surfaces. Normals of noisy depth would
+    mean nothing: then inverse depth, which is linear over a plane, is averaged about each pixel away from edges.
+    """
     k = observation.intrinsics
     factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
     rows, cols = k.height // factor, k.width // factor
     picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
-    gray = gray_values(observation.rgb[: rows * factor, : cols * factor].astype(np.float32))
-    gray = gray.reshape(rows, factor, cols, factor).mean(axis=(1, 3)) / np.float32(255.0)
-    # The picked pixel's centre is the reduced pixel's: of an even factor it lies half a pixel behind the block's middle.
+    gray = gray_values(observation.rgb.astype(np.float32)) / np.float32(255.0)
+    if factor > 1:
+        # About the picked pixel: the mean of an even block would stand half a pixel beside its ray.
+        gray = ndimage.uniform_filter(gray, factor | 1, mode="nearest")[picked]
+    # The picked pixel's centre is the reduced pixel's; of an even factor it lies half a pixel behind the middle.
     shift = 0.5 - (factor // 2 + 0.5) / factor
     camera = np.array([k.fx / factor, k.fy / factor, k.cx / factor + shift, k.cy / factor + shift])
+    radius = 0
     depth = np.ascontiguousarray(observation.depth_m[picked], np.float32)
-    return KeyImage(depth, np.ascontiguousarray(gray, np.float32), camera, observation.T_world_camera, observation.step)
+    if math.isfinite(noise_per_m) and noise_per_m > _LITTLE_NOISE_PER_M:
+        radius = _RADIUS_PX
+        depth = smoothed_depth(depth, radius, noise_per_m)
+    gray = np.ascontiguousarray(gray, np.float32)
+    return KeyImage(depth, gray, camera, observation.T_world_camera, observation.step, radius)
+
+
+def smoothed_depth(
+    depth_m: Float32[np.ndarray, "h w"], radius_px: int, noise_per_m: float
+) -> Float32[np.ndarray, "h w"]:
+    """The mean of inverse depth over squares, as depth [m]; NaN at edges and where too little was measured."""
+    size = 2 * radius_px + 1
+    measured = np.isfinite(depth_m) & (depth_m > 0.0)
+    inverse = np.where(measured, 1.0 / np.where(measured, depth_m, 1.0), 0.0)
+    share = ndimage.uniform_filter(measured.astype(np.float64), size, mode="constant")
+    total = ndimage.uniform_filter(inverse.astype(np.float64), size, mode="constant")
+    square = ndimage.uniform_filter(np.square(inverse, dtype=np.float64), size, mode="constant")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / share
+        spread = np.sqrt(np.maximum(square / share - mean**2, 0.0))
+        # A plane spreads too, but over a few pixels only by a small share.
+        smooth = measured & (share > 0.5) & (spread < np.maximum(0.05 * mean, 2.0 * noise_per_m))
+        return np.where(smooth, 1.0 / mean, np.nan).astype(np.float32)
 
 
 class KeyImages:
@@ -63,27 +101,36 @@ class KeyImages:
         self.config = config
         self.images: list[KeyImage] = []
 
-    def add(self, observation: Observation) -> None:
-        """Keep a frame whose pose is known."""
-        self.images.append(key_image(observation, self.config.longest_px))
+    def add(self, observation: Observation, noise_per_m: float) -> None:
+        """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square."""
+        self.images.append(key_image(observation, self.config.longest_px, noise_per_m))
+        if len(self.images) > self.config.most_images:
+            poses = np.stack([image.T_world_camera for image in self.images])
+            apart = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+            turned = np.linalg.norm(np.diff(poses[:, :3, 2], axis=0), axis=1)
+            # The later one of the two, as the earlier has drifted less; never the last, which the next frame resembles.
+            del self.images[1 + int(np.argmin((apart + turned)[:-1]))]
 
     def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
-        """The oldest images that show enough of a frame's points, and the one that shows most: old ones drifted least."""
+        """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most."""
         config = self.config
-        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        position, axis = T_world_camera[:3, 3], T_world_camera[:3, 2]
-        shares: list[tuple[float, int]] = []
-        for k, image in enumerate(self.images):
-            apart = image.T_world_camera[:3, 3] - position
-            if apart @ apart > config.most_apart_m**2 or image.T_world_camera[:3, 2] @ axis < config.least_cosine:
-                continue
-            shares.append((_share_in(image, world), k))
-        if not shares:
+        if not self.images:
             return []
-        enough = [k for share, k in shares if share >= config.least_overlap]
-        chosen = enough[: config.num_images - 1]
-        best = max(shares)[1]
-        return [self.images[k] for k in dict.fromkeys([*chosen, best])]
+        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        poses = np.stack([image.T_world_camera for image in self.images])
+        apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
+        near = (apart <= config.most_apart_m) & (poses[:, :3, 2] @ T_world_camera[:3, 2] >= config.least_cosine)
+        candidates = np.flatnonzero(near).tolist()
+        chosen: list[int] = []
+        for k in candidates[:_MOST_TRIED]:
+            if len(chosen) >= config.num_images - 1:
+                break
+            if _share_in(self.images[k], world) >= config.least_overlap:
+                chosen.append(k)
+        latest = candidates[-_LATEST_TRIED:]
+        if latest:
+            chosen.append(max(latest, key=lambda k: _share_in(self.images[k], world)))
+        return [self.images[k] for k in dict.fromkeys(chosen)]
 
     def equations(
         self,
@@ -98,13 +145,14 @@ class KeyImages:
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
             [
-                noise_per_m if math.isfinite(noise_per_m) else 0.0,
+                (noise_per_m if math.isfinite(noise_per_m) else 0.0) / (2 * image.radius_px + 1),
                 config.deviation_m,
                 kernel,
                 config.reach_m,
                 config.edge_share,
                 config.gray_deviation,
                 config.gray_kernel,
+                image.radius_px + 1,
             ]
         )
         hessian, gradient, facts = _native.frame_to_frame(

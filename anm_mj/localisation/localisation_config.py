@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class RegistrationConfig:
     """How one frame is registered to the field."""
 
-    num_points: int = setting(1000, at_least=50, at_most=65_536)
+    num_points: int = setting(800, at_least=50, at_most=65_536)
     """Pixels of a frame that are registered."""
     range_m: float = 8.0
     """Pixels farther away are left out [m]."""
@@ -64,6 +64,8 @@ class KeyImageConfig:
 
     num_images: int = setting(2, at_least=0, at_most=100)
     """So many of them; 0 = the field alone."""
+    most_images: int = setting(300, at_least=2, at_most=100_000)
+    """So many are kept at most; then one of those that are most alike goes."""
     longest_px: int = setting(160, at_least=16, at_most=4096)
     """They are reduced to at most so many pixels along the longer side."""
     least_overlap: float = 0.5
@@ -116,7 +118,7 @@ class TrackingConfig:
     """A frame enters the map when at least this share of its known points fits."""
     least_known: float = setting(0.1, at_least=0.0, at_most=1.0)
     """With fewer known points the map says nothing of a pose; the prior's stays."""
-    least_agreement: float = setting(0.5, at_least=0.0, at_most=1.0)
+    least_agreement: float = setting(0.7, at_least=0.0, at_most=1.0)
     """And when of the points that the occupancy grid knows something of, it confirms at least this share."""
     most_deviation_m: float = 0.05
     """And when the standard deviation of its position is at most this [m]."""
@@ -127,16 +129,16 @@ class TrackingConfig:
     young_frames: int = setting(60, at_least=0)
     """Mapped frames at first that are trained on with ``young_iterations``."""
     young_iterations: int = setting(15, at_most=10_000)
-    """Training iterations on each of the first frames, which decide all later drift."""
+    """Training iterations on each of the first frames, which decide all later drift, and of those with new surface."""
     iterations: int = setting(5, at_most=10_000)
     """Training iterations on later ones."""
     keyframe_every: int = setting(5, at_most=1e9)
     """Each n-th mapped frame becomes a keyframe."""
-    fresh_keyframe_every: int = setting(2, at_most=1e9)
+    fresh_keyframe_every: int = setting(1, at_most=1e9)
     """Each n-th of the first frames, and of those that show much new surface."""
     familiar: float = setting(0.9, at_least=0.0, at_most=1.0)
     """A frame of whose points a smaller share is known shows much new surface."""
-    current_rays: int = setting(100, at_least=1, at_most=65_536)
+    current_rays: int = setting(250, at_least=1, at_most=65_536)
     """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
 
     def __post_init__(self) -> None:
@@ -177,8 +179,8 @@ class RelocalisationConfig:
     """A frame of whose points the map knows a smaller share counts for less."""
     least_score: float = setting(0.6, at_most=1.0)
     """A place is believed whose mean score over frames is at least this, in [0, 1],"""
-    least_lead: float = setting(0.1, at_least=0.0, at_most=1.0)
-    """larger than any other's by at least this,"""
+    least_lead: float = setting(0.2, at_least=0.0)
+    """leads every other by at least this over the root of the frames that both were compared with,"""
     frames: int = setting(4, at_most=1000)
     """over at least so many frames."""
 

@@ -1,7 +1,8 @@
-"""The stage's border: an observation with a prior goes in, one with an estimated pose, covariance and quality comes out."""
+"""The stage's border: observation and prior go in; estimated pose, covariance and quality come out."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -35,6 +36,8 @@ class RegistrationQuality:
     """Directions of motion, of ``dof``, along which the frame tells more than the prior."""
     dof: int
     """Degrees of freedom: 3 for a base on the floor, 6 for a free camera."""
+    agreement: float = math.nan
+    """Share that the occupancy grid confirms of the points it knows something of; NaN where nobody asked."""
 
 
 @dataclass(frozen=True)

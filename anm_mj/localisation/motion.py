@@ -49,10 +49,14 @@ def moved_at_constant_velocity(
     T_last_now: Float[np.ndarray, "4 4"],
     config: MotionConfig,
 ) -> Prior:
-    """The prior by the motion before the last frame, going on; arguments as of :func:`moved_by_odometry`.
+    """The prior by the motion before the last frame, going on.
 
     Args:
+        T_world_camera: The camera's estimated pose at the last frame.
+        covariance: Of it, by the directions of ``basis``.
+        basis: As of :class:`~.registration.Prior`.
         T_last_now: The motion from the frame before the last one to that, in the camera's axes.
+        config: How far the motion is believed to go on.
     """
     T = T_world_camera @ T_last_now
     distance = float(np.linalg.norm(T_last_now[:3, 3]))

@@ -65,6 +65,8 @@ class Registration:
     """Share of the points that lie at known surface."""
     inliers: float
     """Mean robust weight of these."""
+    colors: float
+    """Mean robust weight of their colours; 1 without colours."""
     rmse_m: float
     """Root of the weighted mean squared distance [m]; NaN without points."""
     bound: int
@@ -113,20 +115,20 @@ def register(
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
 
     iteration = 0
-    for iteration in range(config.iterations):
+    while True:
         if iteration in (0, config.recheck_after):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
-        equations, hessian, gradient, _ = sums(T, share)
+        equations, hessian, gradient, cost = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
-        change = np.linalg.solve(hessian + information, -(gradient + information @ offset))
-        step = basis @ change
-        T = moved_camera(T, step)
-        if share >= 1.0 and np.linalg.norm(step[:3]) < config.still_m and np.linalg.norm(step[3:]) < config.still_rad:
+        if iteration >= config.iterations:
             break
-    trusted = with_trust(points, known(_world(points, T)))
-    equations, hessian, _, cost = sums(T, 1.0)
-    offset = basis.T @ camera_motion(prior.T_world_camera, T)
+        step = basis @ np.linalg.solve(hessian + information, -(gradient + information @ offset))
+        still = float(np.linalg.norm(step[:3])) < config.still_m and float(np.linalg.norm(step[3:])) < config.still_rad
+        if share >= 1.0 and still:
+            break
+        T = moved_camera(T, step)
+        iteration += 1
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
     distance = equations.distance_m[np.isfinite(equations.distance_m)]
     cut = 2.0 * config.field_deviation_m
@@ -139,9 +141,10 @@ def register(
         np.linalg.inv(hessian + information),
         float(np.count_nonzero(trusted.trust)) / max(1, len(points)),
         weight / count if count else 0.0,
+        float(equations.facts[1, 1]) / weight if weight and config.color_deviation else 1.0,
         rmse,
         int(np.count_nonzero(gain > 1.0)),
-        iteration + 1,
+        iteration,
         config.information * cost + float(offset @ information @ offset),
     )
 

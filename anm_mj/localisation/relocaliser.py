@@ -24,6 +24,8 @@ from anm_mj.types import OccupancyGrid
 
 _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
 """Hypotheses that are nearer to each other are one."""
+_DOUBT_FRAMES = 2
+"""Frames of half a score that every hypothesis begins with."""
 _FLOOR_M = 0.1
 """World z above which the camera's stand needs free space [m]."""
 
@@ -42,6 +44,11 @@ class Hypothesis:
     def mean(self) -> float:
         """Mean of the frames' scores."""
         return self.score / max(1, self.num_frames)
+
+    @property
+    def sobered(self) -> float:
+        """The same with a few indifferent frames added, so that one good frame alone makes no good place."""
+        return (self.score + 0.5 * _DOUBT_FRAMES) / (self.num_frames + _DOUBT_FRAMES)
 
 
 class Relocaliser:
@@ -123,13 +130,14 @@ class Relocaliser:
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
         # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
         certain = min(1.0, fits.known / self.config.relocalisation.least_known)
-        hypothesis.score += certain * fits.share * found.inliers
+        # Rooms of one shape are told apart by their colours, which light changes.
+        hypothesis.score += certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
         hypothesis.num_frames += 1
 
     def _prune(self) -> None:
         """Keep the best, one of each place."""
         kept: list[Hypothesis] = []
-        for hypothesis in sorted(self.hypotheses, key=lambda each: -each.mean):
+        for hypothesis in sorted(self.hypotheses, key=lambda each: -each.sobered):
             if hypothesis.mean < self.config.relocalisation.least_score / 2.0:
                 break
             if not any(_are_same(hypothesis.T_world_camera, other.T_world_camera) for other in kept):
@@ -140,12 +148,14 @@ class Relocaliser:
         config = self.config.relocalisation
         if not self.hypotheses:
             return None
-        best = self.hypotheses[0]
+        best, *others = sorted(self.hypotheses, key=lambda each: -each.sobered)
         if best.num_frames < config.frames or best.mean < config.least_score:
             return None
-        # A rival that has been seen less often may still turn out to be the better one.
-        rivals = [other.mean for other in self.hypotheses[1:]]
-        return best if best.mean - max(rivals, default=0.0) >= config.least_lead else None
+        leads = (
+            (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)
+            for other in others
+        )
+        return best if min(leads, default=math.inf) >= config.least_lead else None
 
 
 def _fields(points: FramePoints) -> tuple[np.ndarray, ...]:

@@ -43,7 +43,7 @@ def rotation_vector(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"
 
 
 def moved_camera(T_world_camera: Float[np.ndarray, "4 4"], change: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
-    """The pose after a displacement in the world [m] and a rotation vector about world axes through the camera [rad]."""
+    """The pose after a displacement [m] and a rotation vector about the camera [rad], both along world axes."""
     moved = np.eye(4)
     moved[:3, :3] = rotation_of(change[3:]) @ T_world_camera[:3, :3]
     moved[:3, 3] = T_world_camera[:3, 3] + change[:3]

@@ -21,7 +21,7 @@ from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import read_text
 
 _ON_ITS_SIDE = 2.0
-"""Another axis must look so many times as much like that of a building."""
+"""How many times as level the floors along another axis must be to count as the up axis."""
 _HEIGHTS_M = (0.5, 200.0)
 MIN_HOLE_M2 = 0.02
 """Smaller gaps in the floor are slits between tiles [m2]."""

@@ -2,7 +2,7 @@
 
 The files lie in the user's cache folder and may be deleted at any time. The key covers every input of the model and
 MuJoCo's version, whose binary format changes with every release. A file that does not match the checksum in its name
-is ignored and written anew.
+is ignored and replaced.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ _MAX_PLACES = 1_000_000
 _MIN_AREA_M2 = 0.5
 """A scene with less room was misread, or is too small for a robot [m2]."""
 _WALLED_DIRECTIONS = 7
-"""A place with obstacles in so many of eight directions lies indoors: beside a building, half of them are open."""
+"""Of eight; a place with obstacles in at least this many lies indoors: beside a building, half of them are open."""
 _MOSTLY_WALLED = 0.9
 """Where at least this share of the floor is indoors, doors and windows alone make the rest seem outdoors."""
 
@@ -139,7 +139,7 @@ def floor_cells(
 
 
 def pooled(area: NavigableArea, cells: int) -> NavigableArea:
-    """The same area with cells so many times as wide, each as good as the best of those it replaces."""
+    """The same area at ``cells`` times the cell size; each cell is as good as the best of those it replaces."""
     rows, cols = area.component.shape
     padding = ((0, -rows % cells), (0, -cols % cells))
     shape = (-(-rows // cells), cells, -(-cols // cells), cells)

@@ -51,11 +51,10 @@ class SceneInfo:
     up: str = "z"
     """Up axis of the source."""
     up_how: str = "given"
-    """"found" or "given"."""
+    """Or "found"."""
     scale: float = 1.0
     """Metres per unit of the source."""
     scale_how: str = "given"
-    """"found" or "given"."""
     floor_removed_m: float = 0.0
     """Height of the source's floor, subtracted so that the floor is at z = 0 [m]."""
     origin_m: tuple[float, float] = (0.0, 0.0)

@@ -230,7 +230,7 @@ HOSTILE = [
     ["function", "anm_mj.mapping.neural_map:pickle.loads"],
     ["function", "anm_mj.types.motion:math.floor"],
     ["enum", "anm_mj.types:Action", "mro"],
-    ["enum", "anm_mj.types:Pose2", "x_m"],
+    ["enum", "anm_mj.types.observation:Pose2", "x_m"],
     ["method", [2], "__reduce__"],
     ["method", [2], "clear"],
     ["generator", [2]],
@@ -250,7 +250,7 @@ HOSTILE = [
     None,
     {"kind": "list"},
     ["defaultdict", [], [], "eval"],
-    ["namedtuple", "anm_mj.types:Pose2", []],
+    ["namedtuple", "anm_mj.types.observation:Pose2", []],
 ]
 
 
@@ -271,6 +271,6 @@ def test_nothing_is_changed_where_the_state_cannot_be_read():
 
 
 def test_names_are_those_of_module_and_class():
-    assert name_of(Pose2) == "anm_mj.types:Pose2"
-    assert KnownClasses().find_class("anm_mj.types:Pose2") is Pose2
+    assert name_of(Pose2) == "anm_mj.types.observation:Pose2"
+    assert KnownClasses().find_class("anm_mj.types.observation:Pose2") is Pose2
     assert replace(Pose2(1.0, 2.0, 0.0), x_m=3.0) == there_and_back([Pose2(3.0, 2.0, 0.0)])[0]

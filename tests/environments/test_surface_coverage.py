@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anm_mj import _native
-from anm_mj.environments.sample_grid import SampleGrid
-from anm_mj.environments.surface_coverage import IncrementalCoverage
+from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.reduced_depth import reduce_depth

@@ -66,7 +66,7 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     room_type = "office corridor" if room.room_type == "corridor" and building.kind == "office" else room.room_type
     area_m2 = float(room.floor.area)
     placed: list[Placed] = []
-    # What is large is made from several rooms' worth of furniture.
+    # Large rooms get the furniture of several.
     for _ in range(max(1, min(4, round(area_m2 / 45.0)))):
         for alternatives in pieces_for(room_type, area_m2, style, rng):
             # Once one fits, no smaller one is tried.

@@ -59,7 +59,7 @@ def generate_scene(
         kind: "apartment" or "office".
         name: Name of the scene; that of the folder by default.
         overwrite: False to refuse a folder that holds a scene already.
-        moved: So many pieces of furniture stand somewhere else than in the scene of the same rooms, seed and kind;
+        moved: Number of pieces of furniture that stand elsewhere than in the scene of the same rooms, seed and kind;
             ``moved.json`` in the folder says which, from where and to where.
 
     Raises:
@@ -84,10 +84,10 @@ def write_building(
         info: Name, origin and licence; rooms and budget are filled in.
         out: The scene folder to make.
         furniture: False for empty rooms.
-        moved: Number of pieces that stand somewhere else than without this.
+        moved: Number of pieces that stand elsewhere than without this.
 
     Raises:
-        SceneError: if so many pieces cannot be moved, the robot fits nowhere or the folder cannot be written.
+        SceneError: if fewer pieces can be moved, the robot fits nowhere or the folder cannot be written.
     """
     interior = _reachable(building, seed, furniture)
     moves: list[Move] = []

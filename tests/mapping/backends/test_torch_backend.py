@@ -99,11 +99,6 @@ def test_a_state_of_another_shape_is_refused(tiny_config):
         backend.set_parameters(state)
 
 
-def test_an_unknown_device_is_refused(tiny_config):
-    with pytest.raises(MapError, match="'tpu', but it must be"):
-        TorchBackend(tiny_config, seed=0, device="tpu")
-
-
 def test_queries_do_not_depend_on_how_points_are_chunked(tiny_config):
     backend = _backend(tiny_config)
     points = np.random.default_rng(0).uniform(-3.0, 3.0, (9000, 3))

@@ -1,0 +1,114 @@
+"""A frame against an earlier one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anm_mj.localisation.frame_points import draw_points
+from anm_mj.localisation.key_images import KeyImages, key_image, smoothed_depth
+from anm_mj.localisation.localisation_config import KeyImageConfig
+from anm_mj.localisation.se3 import camera_motion, moved_camera
+from anm_mj.types import Intrinsics
+from tests.mapping.ray_room import Room
+
+CONFIG = KeyImageConfig()
+KERNEL = 20.0
+
+
+@pytest.fixture(scope="module")
+def images(room: Room) -> KeyImages:
+    kept = KeyImages(CONFIG)
+    for yaw in (0.0, 0.2, 2.0):
+        kept.add(room.observe(1.5, 1.5, yaw, size=128, step=round(10 * yaw)), 0.0)
+    return kept
+
+
+def test_gauss_newton_finds_the_motion(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.55, 1.45, 0.1, size=128)
+    points = draw_points(frame, 600, 0.0, 8.0, np.random.default_rng(0))
+    T = moved_camera(frame.T_world_camera, np.array([0.03, -0.02, 0.02, 0.01, -0.02, 0.03]))
+    count = 0.0
+    for kernel in (KERNEL, KERNEL, 8.0, 4.0, 2.5, 2.5, 2.5):
+        sums = images.equations(images.images[0], points, T, 0.0, kernel)
+        T, count = moved_camera(T, -np.linalg.solve(sums.hessian, sums.gradient)), sums.num_points
+    off = camera_motion(frame.T_world_camera, T)
+    assert np.linalg.norm(off[:3]) < 0.002
+    assert np.linalg.norm(off[3:]) < 0.001
+    assert count > 200
+
+
+def test_gradient_is_that_of_the_cost(room: Room, images: KeyImages) -> None:
+    # With a kernel that bends nothing, the gradient is half the derivative of the sum of squares.
+    config = replace(CONFIG, gray_deviation=0.0)
+    wide = KeyImages(config)
+    wide.images = images.images
+    frame = room.observe(1.52, 1.5, 0.05, size=128)
+    points = draw_points(frame, 400, 0.0, 8.0, np.random.default_rng(1))
+    base = wide.equations(wide.images[0], points, frame.T_world_camera, 0.0, 1e6)
+    step = 1e-6
+    for axis in range(6):
+        costs = [
+            wide.equations(
+                wide.images[0], points, moved_camera(frame.T_world_camera, side * step * np.eye(6)[axis]), 0.0, 1e6
+            ).cost
+            for side in (-1.0, 1.0)
+        ]
+        slope = (costs[1] - costs[0]) / (2.0 * step)
+        assert slope == pytest.approx(2.0 * base.gradient[axis], rel=0.02, abs=0.02 * np.abs(base.gradient).max())
+
+
+def test_the_oldest_that_shows_enough_is_chosen(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.5, 1.5, 0.15, size=128)
+    points = draw_points(frame, 300, 0.0, 8.0, np.random.default_rng(0))
+    chosen = images.overlapping(points, frame.T_world_camera)
+    assert [image.step for image in chosen] == [0, 2]
+    behind = room.observe(1.5, 1.5, math.pi, size=128)
+    assert [image.step for image in images.overlapping(points, behind.T_world_camera)] in ([], [20])
+
+
+@pytest.mark.parametrize("size", [(128, 96), (33, 47)])
+def test_a_reduced_pixel_keeps_its_ray(size: tuple[int, int], room: Room) -> None:
+    width, height = size
+    frame = room.observe(1.5, 1.5, 0.3, size=128)
+    camera = Intrinsics(width, height, 64.0, 64.0, width / 2.0, height / 2.0)
+    cut = replace(frame, rgb=frame.rgb[:height, :width], depth_m=frame.depth_m[:height, :width], intrinsics=camera)
+    image = key_image(cut, 32)
+    fx, fy, cx, cy = image.camera
+    factor = math.ceil(max(size) / 32)
+    row, col = 3, 5
+    source = row * factor + factor // 2, col * factor + factor // 2
+    assert image.depth_m[row, col] == cut.depth_m[source]
+    assert (col + 0.5 - cx) / fx == pytest.approx((source[1] + 0.5 - camera.cx) / camera.fx)
+    assert (row + 0.5 - cy) / fy == pytest.approx((source[0] + 0.5 - camera.cy) / camera.fy)
+
+
+@pytest.mark.parametrize("longest", [32, 43, 64, 128])
+def test_a_reduced_grey_value_stands_on_its_ray(longest: int, room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.3, size=128)
+    ramp = np.broadcast_to(np.arange(128, dtype=np.uint8)[None, :, None], (128, 128, 3))
+    image = key_image(replace(frame, rgb=ramp), longest)
+    factor = math.ceil(128 / longest)
+    expected = (np.arange(3, 20) * factor + factor // 2) / 255.0
+    np.testing.assert_allclose(image.gray[10, 3:20], expected, atol=1e-5)
+
+
+def test_of_too_many_images_one_of_those_most_alike_goes(room: Room) -> None:
+    kept = KeyImages(replace(CONFIG, most_images=3))
+    for step, yaw in enumerate((0.0, 0.5, 0.52, 1.5)):
+        kept.add(room.observe(1.5, 1.5, yaw, size=32, step=step), 0.0)
+    assert [image.step for image in kept.images] == [0, 1, 3]
+
+
+def test_smoothing_keeps_planes_and_leaves_edges_out(room: Room) -> None:
+    depth = room.observe(1.5, 1.5, 0.4, size=128).depth_m
+    rng = np.random.default_rng(0)
+    noise = 0.004
+    noisy = (1.0 / (1.0 / depth + noise * rng.standard_normal(depth.shape))).astype(np.float32)
+    smooth = smoothed_depth(noisy, 2, noise)
+    kept = np.isfinite(smooth)
+    assert 0.6 < kept.mean() < 1.0
+    before, after = (np.median(np.abs(1.0 / image[kept] - 1.0 / depth[kept])) for image in (noisy, smooth))
+    # Twenty-five pixels, but creases are rounded.
+    assert after < 0.4 * before
