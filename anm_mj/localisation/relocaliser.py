@@ -17,13 +17,15 @@ from anm_mj.localisation.agreement import agreement
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
-from anm_mj.localisation.se3 import camera_motion
+from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import OccupancyGrid
 
 _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
 """Hypotheses that are nearer to each other are one."""
+_ASIDE_M = 0.05
+"""A place that is farther from another is not the same minimum [m]."""
 _DOUBT_FRAMES = 2
 """Frames of half a score that every hypothesis begins with."""
 _FLOOR_M = 0.1
@@ -112,7 +114,35 @@ class Relocaliser:
                 if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
                     self.hypotheses.append(fresh)
         self._prune()
-        return self._believed()
+        believed = self._believed()
+        if believed is not None and self._is_local(believed, points, covariance, basis, align, known):
+            # A better place next to it: the frames to come decide again.
+            believed.num_frames, believed.score = 0, 0.0
+            return None
+        return believed
+
+    def _is_local(
+        self,
+        hypothesis: Hypothesis,
+        points: FramePoints,
+        covariance: Float[np.ndarray, "k k"],
+        basis: Float[np.ndarray, "6 k"],
+        align: Aligner,
+        known: Known,
+    ) -> bool:
+        """Whether a frame fits better a step aside, where the hypothesis then goes."""
+        config = self.config.relocalisation
+        settings = config.registration(self.config.registration)
+        prior = Prior(hypothesis.T_world_camera, covariance, basis)
+        here = best = register(points, prior, align, known, settings)
+        for axis in range(2):
+            for side in (-config.spacing_m, config.spacing_m):
+                start = moved_camera(hypothesis.T_world_camera, side * np.eye(6)[axis])
+                other = register(points, prior, align, known, settings, start=start)
+                best = min(best, other, key=lambda each: each.cost)
+        change = camera_motion(here.T_world_camera, best.T_world_camera)
+        hypothesis.T_world_camera = best.T_world_camera
+        return bool(np.linalg.norm(change[:3]) > _ASIDE_M)
 
     def _register(
         self,
