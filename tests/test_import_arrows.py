@@ -12,7 +12,7 @@ import pytest
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "anm_mj"
 
-_FLOORS = {
+FLOORS = {
     # What a robot needs.
     "core": (
         ("_native", "errors", "types"),
@@ -45,8 +45,8 @@ _FLOORS = {
 }
 """The rooms of each floor, lowest first; a room imports lower ones, and none of those beside it."""
 
-_RANK = {room: rank for rank, tier in enumerate(sum(_FLOORS.values(), ())) for room in tier}
-_FLOOR = {room: floor for floor, tiers in _FLOORS.items() for tier in tiers for room in tier}
+_RANK = {room: rank for rank, tier in enumerate(sum(FLOORS.values(), ())) for room in tier}
+_FLOOR = {room: floor for floor, tiers in FLOORS.items() for tier in tiers for room in tier}
 
 _ONLY_IN = {
     "mujoco": {"mjcf", "scene", "sim", "robot", "control"},
