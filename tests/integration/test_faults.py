@@ -65,7 +65,7 @@ def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, caplog, monkeypatch):
     warned = [record.message for record in caplog.records if record.levelno >= logging.WARNING]
     assert warned[0].startswith("The left wheel turned by ")
     assert warned[-1] == "the robot can drive no more (WHEEL_STUCK); the run ends at step 11."
-    assert NeuralMap.load(tmp_path / "run" / "map.safetensors").occupancy.state.size > 0
+    assert NeuralMap.load(tmp_path / "run" / "map.safetensors").occupancy_grid().state.size > 0
 
 
 class Appearing:

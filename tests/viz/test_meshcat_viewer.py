@@ -27,6 +27,7 @@ class CountingMap(FakeMap):
     """A whole mapper as far as types go; only its mesh is asked for."""
 
     num_meshes = 0
+    truncation_m = 0.1
 
     def __init__(self):
         self.reused = []
