@@ -43,6 +43,19 @@ def localise(
     return estimate.observation, estimate
 
 
+def integrate(
+    observation: Observation, estimate: PoseEstimate | None, localiser: Localiser | None, mapper: Mapper
+) -> MapUpdate:
+    """Take a frame into the map; no pixel enters it from a pose that is not good enough.
+
+    Raises:
+        MapError: the map cannot be trained any further.
+    """
+    if estimate is None or localiser is None:
+        return mapper.integrate(observation)
+    return localiser.integrate(estimate) if estimate.usable else UNTRAINED
+
+
 def learn(
     observation: Observation,
     estimate: PoseEstimate | None,
@@ -53,16 +66,11 @@ def learn(
 ) -> MapUpdate | None:
     """Take a frame into the map, and tell the policy; None where the map cannot be trained any further.
 
-    A policy hears of no frame of a robot that is lost. No pixel enters the map from a pose that is not good enough.
+    A policy hears of no frame of a robot that is lost.
     """
     try:
         with watch.stage("map"):
-            if estimate is None or localiser is None:
-                update = mapper.integrate(observation)
-            elif estimate.usable:
-                update = localiser.integrate(estimate)
-            else:
-                update = UNTRAINED
+            update = integrate(observation, estimate, localiser, mapper)
     except MapError as err:
         _logger.error("%s The run ends.", err)
         return None

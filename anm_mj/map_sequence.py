@@ -30,7 +30,7 @@ from anm_mj.io.sequence import Sequence, camera_line, ranges_text
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
-from anm_mj.loop_stages import UNTRAINED
+from anm_mj.loop_stages import integrate
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.context import PolicyContext
@@ -101,16 +101,13 @@ def map_sequence(
                 observation = next(frames, None)
             if observation is None:
                 break
-            estimate, update = None, UNTRAINED
+            estimate = None
             if tracker is not None:
                 with watch.stage("localise"):
                     estimate = tracker.localise(observation)
                 observation = estimate.observation
             with watch.stage("map"):
-                if tracker is None or estimate is None:
-                    update = neural_map.integrate(observation)
-                elif estimate.usable:
-                    update = tracker.integrate(estimate)
+                update = integrate(observation, estimate, tracker, neural_map)
             last = observation
             log.observation(observation, estimate=estimate)
             records.append(_record(observation, estimate))

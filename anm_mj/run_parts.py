@@ -61,7 +61,7 @@ class Parts:
 
 @contextmanager
 def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: PriorRun | None = None) -> Iterator[Parts]:
-    """Put a run together; robot and map are closed at the end.
+    """Put a run together; the robot is closed at the end.
 
     Args:
         config: what to do.
@@ -104,8 +104,8 @@ def true_view(parts: Parts) -> Callable[[], TrueView] | None:
     return None if exact else parts.robot.true_view
 
 
-# The next two functions import torch and mujoco: a mistyped option should not cost the seconds that this takes, and
-# mujoco must not be imported before its GL back-end is chosen.
+# The next functions import the map and mujoco: a mistyped option should not cost the time that this takes, and mujoco
+# must not be imported before its GL back-end is chosen.
 
 
 def make_mapper(config: RunConfig) -> NeuralMap:

@@ -1,10 +1,12 @@
-"""Tracks a recorded sequence offline and compares the poses found with those recorded.
+"""Tracks a recorded sequence offline from wheel odometry made of its poses, and compares what is found with those.
 
 python scripts/record_sequence.py home /tmp/walk --steps 500
 python scripts/track_sequence.py /tmp/walk --odometry-alpha 0.01
-python scripts/track_sequence.py /tmp/walk --free
+
+``anm-mj map --track --reference`` does the same for a camera in the hand, without odometry.
 """
 
+import itertools
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +14,14 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
-from anm_mj.evaluation.trajectory_error import alignment
-from anm_mj.frames import pose_matrix, transform_points
-from anm_mj.io.sequence import base_pose
+from anm_mj.evaluation.trajectory_error import trajectory_error
+from anm_mj.frames import pose_matrix
+from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence_layouts import open_sequence
 from anm_mj.localisation.field_localiser import FieldLocaliser
 from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.localiser import TrackingState
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
@@ -29,8 +31,7 @@ from anm_mj.types import Observation
 
 def main(
     path: Annotated[Path, tyro.conf.Positional],
-    frames: int = 100_000,
-    free: bool = False,
+    frames: int | None = None,
     odometry_alpha: float = 0.01,
     preset: str = "default",
     seed: int = 0,
@@ -40,58 +41,40 @@ def main(
     Args:
         path: the sequence, with poses.
         frames: frames at most.
-        free: without any pose but the first, in six degrees of freedom; else the recorded poses with the errors of
-            wheel odometry are the prior, and the camera moves in the plane.
-        odometry_alpha: each of the four variances of that odometry.
+        odometry_alpha: each of the four variances of the odometry.
         preset: of the map.
         seed: of map, odometry and choice of points.
     """
     sequence, layout = open_sequence(path)
     neural_map = NeuralMap(MAPPING_PRESETS[preset](), seed=seed, device="cpu")
-    localiser = FieldLocaliser(
-        neural_map,
-        LocalisationConfig(),
-        seed=seed,
-        planar=not free,
-        odometry=not free,
-        base_pose=base_pose if free else None,
-    )
-    odometry = NoisyOdometry(
-        SensorConfig(odometry_alpha=(odometry_alpha, odometry_alpha, odometry_alpha, odometry_alpha)), seed
-    )
-    found, true, track_s, unusable = [], [], 0.0, 0
-    for frame in sequence.observations():
-        if len(found) >= frames:
-            break
+    localiser = FieldLocaliser(neural_map, LocalisationConfig(), seed=seed, planar=True, odometry=True)
+    alpha = (odometry_alpha, odometry_alpha, odometry_alpha, odometry_alpha)
+    odometry = NoisyOdometry(SensorConfig(odometry_alpha=alpha), seed)
+    records, track_s = [], 0.0
+    for frame in itertools.islice(sequence.observations(), frames):
         begin = time.process_time()
-        estimate = localiser.localise(_with_prior(frame, odometry, free=free, first=not found))
+        estimate = localiser.localise(_with_odometry(frame, odometry))
         track_s += time.process_time() - begin
         if estimate.usable:
             localiser.integrate(estimate)
-        unusable += not estimate.usable
-        found.append(estimate.observation.T_world_camera)
-        true.append(frame.T_world_camera)
-    found_m, true_m = np.stack(found)[:, :3, 3], np.stack(true)[:, :3, 3]
-    apart = np.linalg.norm(found_m - true_m, axis=1)
-    aligned = np.linalg.norm(transform_points(alignment(found_m, true_m), found_m) - true_m, axis=1)
+        found = estimate.observation
+        poses = found.pose, found.T_world_camera, frame.pose, frame.T_world_camera
+        is_lost = estimate.state is TrackingState.LOST
+        records.append(FrameRecord(frame.step, frame.time_s, *poses, is_lost=is_lost, is_mapped=estimate.usable))
+    error = trajectory_error(records)
+    assert error is not None, "found poses are never exact"
     print(
-        f"{len(found)} frames ({layout}): RMSE {_rmse_cm(apart):.2f} cm, aligned {_rmse_cm(aligned):.2f} cm, "
-        f"at the end {100 * apart[-1]:.1f} cm; {unusable} not mapped; {1e3 * track_s / len(found):.1f} ms of CPU each"
+        f"{len(records)} frames ({layout}): RMSE {error.position_rmse_cm:.2f} cm, aligned {error.ate_rmse_cm:.2f} cm, "
+        f"at the end {error.final_position_error_cm:.1f} cm and {error.final_heading_error_deg:.2f} deg; "
+        f"{error.unmapped_percent:.1f} % not mapped; {1e3 * track_s / len(records):.1f} ms of CPU each"
     )
 
 
-def _with_prior(frame: Observation, odometry: NoisyOdometry, *, free: bool, first: bool) -> Observation:
-    """The frame with the pose that the localiser may know."""
-    if free:
-        # The first frame defines the world; later poses are not looked at.
-        return frame if first else replace(frame, T_world_camera=np.eye(4))
+def _with_odometry(frame: Observation, odometry: NoisyOdometry) -> Observation:
+    """The frame with the pose that wheels would have measured."""
     pose = odometry.read(frame.pose)
     T_base_camera = np.linalg.inv(pose_matrix(frame.pose)) @ frame.T_world_camera
     return replace(frame, pose=pose, T_world_camera=pose_matrix(pose) @ T_base_camera)
-
-
-def _rmse_cm(distances_m: NDArray[np.float64]) -> float:
-    return 100.0 * float(np.sqrt(np.mean(distances_m**2)))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
+from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.frame_points import draw_points
@@ -62,7 +63,15 @@ class FieldLocaliser:
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
             lost: Whether there is a map already, in which of the first pose only height and tilt are known.
+
+        Raises:
+            MapError: The engine of the map cannot localise.
         """
+        if not neural_map.backend.can_align:
+            raise MapError(
+                f"The map's engine '{neural_map.backend.name}' cannot localise; take mapping.engine=native, --device "
+                "cpu, and a policy without a map of its own kind."
+            )
         self.config = config
         self._map = neural_map
         self._seed = seed
@@ -73,7 +82,6 @@ class FieldLocaliser:
         self._num_frames = 0
         self._num_mapped = 0
         self._since_keyframe = 0
-        self._agreement = math.nan
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
@@ -83,8 +91,6 @@ class FieldLocaliser:
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
         self._covariance = np.eye(self._basis.shape[1]) * _FIRST_DEVIATION**2
-        self.last: Registration | None = None
-        """Of the last frame; None where it could not be registered."""
 
     @property
     def state(self) -> TrackingState:
@@ -111,7 +117,6 @@ class FieldLocaliser:
         extra = self._extra(points, prior, noise)
         found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
-        self._agreement = fits.share
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
@@ -124,9 +129,9 @@ class FieldLocaliser:
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
-        return self._map.integrate(estimate.observation, self.effort(estimate))
+        return self._map.integrate(estimate.observation, self._effort(estimate))
 
-    def effort(self, estimate: PoseEstimate) -> TrainingEffort:
+    def _effort(self, estimate: PoseEstimate) -> TrainingEffort:
         """How much to train on a usable frame.
 
         The first frames decide all later drift: they are trained on longer. Frames that show much that the map does not
@@ -173,15 +178,9 @@ class FieldLocaliser:
         neural_map, finder = self._map, self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
-        grid = neural_map.occupancy.by_depth.grid
+        by_depth = neural_map.occupancy.by_depth
         believed = finder.look(
-            points,
-            prior.T_world_camera,
-            self._basis,
-            neural_map.backend.align,
-            self._known,
-            neural_map.occupancy.by_depth,
-            grid,
+            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, by_depth
         )
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
@@ -242,12 +241,12 @@ class FieldLocaliser:
     ) -> PoseEstimate:
         if self._T_world_camera is not None:
             self._T_last_now = np.linalg.inv(self._T_world_camera) @ T_world_camera
-        self._T_world_camera, self._T_odometry, self.last = T_world_camera, observation.T_world_camera, found
+        self._T_world_camera, self._T_odometry = T_world_camera, observation.T_world_camera
         dof = self._basis.shape[1]
         if found is None:
             quality = RegistrationQuality(0.0, 0.0, math.nan, 0, dof)
         else:
-            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof, self._agreement)
+            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         return PoseEstimate(placed, covariance, quality, self._state, usable and self._state is TrackingState.TRACKING)

@@ -17,6 +17,7 @@ from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Observation
 
 _MOST_TRIED, _LATEST_TRIED = 12, 3
@@ -80,7 +81,7 @@ def smoothed_depth(
 ) -> Float32[np.ndarray, "h w"]:
     """The mean of inverse depth over squares, as depth [m]; NaN at edges and where too little was measured."""
     size = 2 * radius_px + 1
-    measured = np.isfinite(depth_m) & (depth_m > 0.0)
+    measured = is_measured(depth_m)
     inverse = np.where(measured, 1.0 / np.where(measured, depth_m, 1.0), 0.0)
     share = ndimage.uniform_filter(measured.astype(np.float64), size, mode="constant")
     total = ndimage.uniform_filter(inverse.astype(np.float64), size, mode="constant")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -36,8 +35,6 @@ class RegistrationQuality:
     """Directions of motion, of ``dof``, along which the frame tells more than the prior."""
     dof: int
     """Degrees of freedom: 3 for a base on the floor, 6 for a free camera."""
-    agreement: float = math.nan
-    """Share that the occupancy grid confirms of the points it knows something of; NaN where nobody asked."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from anm_mj.localisation.registration import Aligner, Known, Prior, Registration
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.types import OccupancyGrid
 
 _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
 """Hypotheses that are nearer to each other are one."""
@@ -80,7 +79,6 @@ class Relocaliser:
         align: Aligner,
         known: Known,
         occupancy: DepthOccupancy,
-        grid: OccupancyGrid,
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
 
@@ -91,7 +89,6 @@ class Relocaliser:
             align: The field.
             known: Which of its places can be trusted.
             occupancy: What is free and occupied.
-            grid: The same, for the search.
         """
         config = self.config.relocalisation
         near = FramePoints(*(field[points.camera_m[:, 2] <= config.range_m] for field in _fields(points)))
@@ -100,7 +97,7 @@ class Relocaliser:
         T_level = level(T_tilt)
         if self._grid is None:
             margin = config.range_m * 2.0
-            self._grid = distance_grid(grid, float(T_level[2, 3]), _FLOOR_M, margin, config)
+            self._grid = distance_grid(occupancy.grid, float(T_level[2, 3]), _FLOOR_M, margin, config)
         deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
         covariance = basis.T @ np.diag(deviations**2) @ basis
         for hypothesis in self.hypotheses:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
@@ -45,6 +44,9 @@ class StepLosses(NamedTuple):
 
 class MapperBackend(ABC):
     """An engine: holds the parameters and the optimiser's state, trains and answers queries."""
+
+    can_align = False
+    """Whether the engine compares frames with the field, as localisation needs it."""
 
     config: MappingConfig
     name: str
@@ -123,7 +125,7 @@ class MapperBackend(ABC):
         """Normal equations of a frame's distances to the surface, and of its colours, at a camera pose.
 
         Raises:
-            MapError: The engine cannot.
+            MapError: The engine cannot; :attr:`can_align` says so before.
         """
         raise MapError(f"Engine '{self.name}' cannot localise; use mapping.engine=native.")
 

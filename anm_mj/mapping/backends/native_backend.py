@@ -39,6 +39,7 @@ class NativeBackend(MapperBackend):
     """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` on the CPU."""
 
     device = "cpu"
+    can_align = True
 
     def __init__(
         self,
