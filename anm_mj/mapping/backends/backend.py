@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
+from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
