@@ -56,3 +56,44 @@ def test_errors_add_up_over_a_run():
     short, _ = ends((0.05, 0.01, 0.01, 0.01), [(0.065, 0.0), (0.0, 0.17)] * 5, num=100)
     long, _ = ends((0.05, 0.01, 0.01, 0.01), [(0.065, 0.0), (0.0, 0.17)] * 40, num=100)
     assert long.std(axis=0)[:2].sum() > 2 * short.std(axis=0)[:2].sum()
+
+
+def read_along(config, moves):
+    odometry, pose = NoisyOdometry(config, 0), START
+    believed = odometry.read(pose)
+    for forward_m, turn_rad in moves:
+        pose = move_pose(pose, forward_m, turn_rad)
+        believed = odometry.read(pose)
+    return believed
+
+
+def test_a_radius_taken_too_large_scales_distances_and_turns():
+    moves = [(0.5, 0.0), (0.0, 0.4), (0.3, 0.2)]
+
+    believed = read_along(SensorConfig(odometry_radius_error=0.02), moves)
+
+    expected = START
+    for forward_m, turn_rad in moves:
+        expected = move_pose(expected, 1.02 * forward_m, 1.02 * turn_rad)
+    # The second move is a chord of the same length, not an arc.
+    assert believed.xy_m == pytest.approx(expected.xy_m, abs=1e-4)
+    assert believed.yaw_rad == pytest.approx(expected.yaw_rad)
+
+
+def test_a_yaw_bias_bends_the_way_by_its_length():
+    bias = math.radians(1.0)
+
+    believed = read_along(SensorConfig(odometry_yaw_bias_deg_per_m=1.0), [(0.05, 0.0)] * 40)
+
+    expected = move_pose(START, 2.0, 2.0 * bias)
+    assert believed.yaw_rad == pytest.approx(START.yaw_rad + 2.0 * bias)
+    assert believed.xy_m == pytest.approx(expected.xy_m, abs=1e-5)
+    assert read_along(SensorConfig(odometry_yaw_bias_deg_per_m=1.0), [(0.0, 0.1)] * 9).yaw_rad == pytest.approx(1.4)
+
+
+def test_systematic_errors_scale_with_the_noise():
+    doubled = read_along(SensorConfig(odometry_radius_error=0.02, noise_scale=2.0), [(1.0, 0.0)])
+    assert doubled == read_along(SensorConfig(odometry_radius_error=0.04), [(1.0, 0.0)])
+    assert read_along(SensorConfig(odometry_radius_error=0.02, noise_scale=0.0), [(1.0, 0.0)]) == move_pose(
+        START, 1.0, 0.0
+    )
