@@ -2,8 +2,8 @@ import sys
 
 import pytest
 
-from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.comparison import run_bench
+from anm_mj.bench.sweep import BenchError
 from tests.bench.fake import POLICIES, table
 
 

@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.comparison import run_bench
+from anm_mj.bench.sweep import BenchError
 from anm_mj.errors import RunFolderError
 from tests.scene.small import make_small_scene
 

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.generated_scene import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.suite import suite_file, suite_names
-from anm_mj.bench.sweep import read_jobs, read_sweeps
+from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.errors import SceneError
 from tests.scene.small import make_small_scene
 
@@ -104,19 +103,6 @@ def test_a_published_scene_comes_out_again(cache, tmp_path):
     (job,) = read_jobs(file)
     assert job.steps == area_budget(scene) >= BASE_STEPS + STEPS_PER_M2
     assert job.scene_hash == scene.hash == wanted.hash
-
-
-def test_the_scenes_of_a_suite_are_known_by_their_names(tmp_path):
-    file = tmp_path / "own.toml"
-    file.write_text('suite = "tune"\nscenes = ["tune_1"]\npolicies = ["gvg"]\n')
-
-    sweeps, provided = read_sweeps(file)
-
-    assert [sweep.scenes for sweep in sweeps] == [["tune_1"]]
-    assert provided == read_sweeps(suite_file("tune"))[1]
-    file.write_text('suite = "large_one"\nscenes = ["home"]\npolicies = ["gvg"]\n')
-    with pytest.raises(BenchError, match="no suite 'large_one'"):
-        read_sweeps(file)
 
 
 def test_a_scene_that_comes_out_differently_is_refused(cache):

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.bench_error import BenchError
-from anm_mj.bench.sweep import read_jobs
+from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, SceneError
 from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.scene.folder import load_scene
