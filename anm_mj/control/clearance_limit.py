@@ -82,12 +82,7 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
     """Limits the body's speed towards obstacles, so that it stops at a distance from them."""
 
     def __init__(self, model: mujoco.MjModel, num_obstacles: int, *, min_distance_m: float):
-        """Pair the body with every obstacle.
-
-        Args:
-            model: mink's, with :func:`add_obstacles`.
-            num_obstacles: number of obstacles in it.
-            min_distance_m: distance at which the body stops [m].
+        """Pair the body with every obstacle of mink's model (:func:`add_obstacles`), to stop at ``min_distance_m`` [m].
 
         Raises:
             RobotError: if mink has dropped a pair.

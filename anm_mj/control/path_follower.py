@@ -24,7 +24,6 @@ class Follower:
     """Executes plans one action at a time."""
 
     def __init__(self) -> None:
-        """Start without a plan."""
         self._plan: Plan | None = None
         self._steps = 0
         self._leg = 0
@@ -63,13 +62,9 @@ class Follower:
         return action
 
     def coming_actions(self, pose: Pose2, count: int) -> list[Action]:
-        """What :meth:`next_action` would return one time after another, if nothing comes in between.
+        """What :meth:`next_action` would return one time after another, from this pose and where the actions lead to.
 
-        Nothing changes.
-
-        Args:
-            pose: of now; later ones are where the actions lead to.
-            count: how many actions; fewer where the plan is done before.
+        Nothing changes. Fewer than ``count`` where the plan is done before.
         """
         ahead = copy.copy(self)
         ahead._headings = list(self._headings)
@@ -129,7 +124,6 @@ def _nearest_on_leg(x_m: float, y_m: float, start_m: list[float], end_m: list[fl
 
 
 def _between(start_m: list[float], end_m: list[float], share: float) -> list[float]:
-    """The point after a share of the way from one to another."""
     return [start + share * (end - start) for start, end in zip(start_m, end_m, strict=True)]
 
 

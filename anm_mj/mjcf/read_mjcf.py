@@ -97,11 +97,9 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def top_folder(folder: Path, levels_up: int) -> Path:
-    """The folder below which the files that a model names may lie.
+    """The folder below which the files that a model names may lie: up to ``levels_up`` above its own, links followed.
 
-    Args:
-        folder: The model's own, links followed.
-        levels_up: How many folders above it that may be. Beyond the first, it is never the user's home or above.
+    Beyond the first, it is never the user's home or above.
     """
     home = Path.home()
     top = folder
@@ -114,12 +112,7 @@ def top_folder(folder: Path, levels_up: int) -> Path:
 
 
 def named_files(path: Path, others: Sequence[Path] = ()) -> list[Path]:
-    """The files that exist of those that an MJCF file and its includes name; none where it cannot be read.
-
-    Args:
-        path: The file.
-        others: As :func:`read_spec`.
-    """
+    """The files that exist of those that an MJCF file and its includes name; none where it cannot be read."""
     folder = Path(os.path.realpath(path)).parent
     counter = _Counter(folder, _Places(top_folder(folder, LEVELS_UP), tuple(others)))
     try:
@@ -166,11 +159,7 @@ class _Counter:
     """Those of each file that is counted."""
 
     def elements(self, path: Path) -> int:
-        """Number of elements of a file.
-
-        Raises:
-            OSError, ValueError: It cannot be read.
-        """
+        """Number of elements of a file."""
         if path in self.known:
             return self.known[path]
         self.known[path] = 0
@@ -205,11 +194,7 @@ class _Counter:
         return total
 
     def _take(self, cells: int, name: str, attributes: dict[str, str]) -> None:
-        """Count the cells of an element.
-
-        Raises:
-            ValueError: There are too many with them.
-        """
+        """Count the cells of an element; raises ValueError if there are too many with them."""
         self.cells += cells
         if self.cells > MAX_CELLS:
             raise ValueError(
@@ -218,11 +203,7 @@ class _Counter:
             )
 
     def _file(self, within: Path, name: str) -> Path:
-        """A file that another one names.
-
-        Raises:
-            ValueError: It is nowhere, or elsewhere.
-        """
+        """A file that another one names; raises ValueError if it is nowhere, or elsewhere."""
         places = (self.folder / name, within.parent / name)
         found = next((place for place in places if place.is_file()), None)
         if found is None:
@@ -232,11 +213,7 @@ class _Counter:
 
 
 def _tags(text: bytes) -> Iterator[tuple[str | None, dict[str, str]]]:
-    """Names and attributes of the elements of an XML text as they open; None as they close.
-
-    Raises:
-        ValueError: It is not well-formed.
-    """
+    """Names and attributes of an XML text's elements as they open; None as they close; ValueError if damaged."""
     found: list[tuple[str | None, dict[str, str]]] = []
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda name, attributes: found.append((name, attributes))
@@ -279,11 +256,7 @@ def _check_size(name: str, attributes: dict[str, str]) -> None:
 
 
 def _check_assets(spec: mujoco.MjSpec, folder: Path, own: _Places) -> None:
-    """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears.
-
-    Raises:
-        OSError, ValueError: as :func:`read_spec`.
-    """
+    """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears."""
     megapixels = 0.0
     files = [(spec.meshdir, asset.file, False) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     files += [(spec.texturedir, texture.file, True) for texture in spec.textures]

@@ -32,15 +32,10 @@ MAX_MODELS = 4
 
 
 def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:
-    """The model that ``build`` makes of a scene and a robot, from the cache if it is there.
+    """The model that ``build`` makes of a scene and a robot (no ``robot_hash``: none), from the cache if it is there.
 
-    Args:
-        scene: the world.
-        robot_hash: says which robot; empty for none.
-        prefix: comes before the names of the robot's elements.
-        build: makes the model.
-
-    Trouble with the cache is logged and otherwise without effect. What ``build`` raises goes to the caller.
+    ``prefix`` precedes the names of the robot's elements. Trouble with the cache is logged and otherwise without
+    effect; what ``build`` raises goes to the caller.
     """
     if scene.num_triangles < MIN_TRIANGLES:
         return build()

@@ -36,12 +36,9 @@ class Culling:
     """Selects the meshes that a camera must render."""
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics, *, znear_m: float):
-        """Compute bounding boxes of the static meshes; all other geoms are always rendered.
+        """Compute bounding boxes of the static meshes, which must not change; all other geoms are always rendered.
 
-        Args:
-            model: its meshes and their poses must not change.
-            intrinsics: of the camera.
-            znear_m: distance of the near plane [m].
+        ``znear_m`` is the distance of the near plane [m].
         """
         still = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid] == 0)
         self._geoms = np.flatnonzero(still & np.isin(model.geom_group, VISIBLE_GROUPS))
@@ -54,11 +51,7 @@ class Culling:
         self._judged_at_m = np.zeros((len(self._geoms), 3))
 
     def start_image(self, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
-        """Project all meshes into a new image and predict the occluded ones.
-
-        Args:
-            T_world_camera: Camera to world; camera axes x right, y down, z forward.
-        """
+        """Project all meshes into a new image and predict the occluded ones; camera axes x right, y down, z forward."""
         self._position_m = T_world_camera[:3, 3]
         corners = (self._corners_m - self._position_m) @ T_world_camera[:3, :3]
         z = corners[:, :, 2]
@@ -87,10 +80,9 @@ class Culling:
         return self._geoms[~self._in_view | self._skipped]
 
     def accept(self, depth_m: Float32[np.ndarray, "h w"]) -> bool:
-        """Verify an image; False if some skipped meshes may be visible, which ``skipped_geoms`` then omits.
+        """Verify an image by its planar depth [m], NaN without a hit.
 
-        Args:
-            depth_m: planar z of the image [m]; NaN without a hit.
+        False if some skipped meshes may be visible, which ``skipped_geoms`` then omits.
         """
         if not self._opaque:
             return True

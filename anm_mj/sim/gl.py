@@ -137,9 +137,6 @@ def _probe_cached(name: str) -> str:
     """The GL_RENDERER string of a working back-end, from the cache after its first success.
 
     Failures are not cached: the user will install something and try again.
-
-    Raises:
-        ProbeError: if the back-end does not work.
     """
     path = _cache_path(name)
     try:

@@ -182,9 +182,7 @@ class SimRobot:
     def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
         """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state.
 
-        Args:
-            pose: where the robot starts.
-            seed: of the sensor's errors from now on; None = as before.
+        ``seed`` is that of the sensor's errors from now on; None = as before.
         """
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)

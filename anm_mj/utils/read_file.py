@@ -224,7 +224,6 @@ def read_table(path: Path) -> np.ndarray:
 
 
 def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:
-    """Size that the header of an array in an archive states [bytes]."""
     with archive.open(info) as member:
         return _array_bytes(member)
 

@@ -220,7 +220,6 @@ def _grain(uv: Float64[np.ndarray, "n 2"], board: Int64[np.ndarray, " n"]) -> Fl
 
 
 def _edge(x: Float64[np.ndarray, " n"], period: float) -> Float64[np.ndarray, " n"]:
-    """Distance to the nearest multiple of the period."""
     rest = x % period
     return np.minimum(rest, period - rest)
 
@@ -235,5 +234,4 @@ def _inside(depth_m: Float64[np.ndarray, " n"], blur_m: float = 0.014) -> Float6
 
 
 def _mix(ground: Colour, other: Colour, share: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
-    """The ground with a share of the other colour."""
     return np.array(ground) + share[:, None] * (np.array(other) - ground)

@@ -50,11 +50,9 @@ class VoxelLighting:
     ) -> None:
         """Mark what is solid and blur it.
 
-        Args:
-            origin_m: World coordinates of the outer corner of voxel [0, 0, 0].
-            open_voxels: True inside rooms, as long as they are empty; layer along z, row along y, column along x.
-            points_m: Points on all furniture, no farther apart than a voxel.
-            lights: Lamps and windows.
+        ``origin_m`` is the outer corner of voxel [0, 0, 0] in the world; ``open_voxels`` (layer along z, row along y,
+        column along x) are true inside empty rooms; ``points_m`` lie all over the furniture, no farther apart than a
+        voxel.
         """
         solid = (~open_voxels).astype(np.float32)
         self._origin_m = origin_m

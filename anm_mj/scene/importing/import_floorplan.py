@@ -113,7 +113,6 @@ def import_floorplan(
 
 
 def _check_size(building: Building, src: Path) -> None:
-    """Accept what can be built and furnished, before anything is."""
     low_m, high_m = _HEIGHT_M
     if not low_m <= building.ceiling_m <= high_m:
         raise SceneError(

@@ -142,7 +142,6 @@ def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:
 
 
 def _fetched(name: str) -> Path | None:
-    """A scene of MolmoSpaces that its own package fetches."""
     dataset, _, number = name.rpartition("/")
     split = next((word for word in ("train", "val", "test") if dataset.endswith(f"-{word}")), "train")
     try:

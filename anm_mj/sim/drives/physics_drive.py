@@ -72,15 +72,9 @@ class PhysicsDrive(WheelDrive):
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
-        """Drive ``data`` from the present pose of its base.
+        """Arguments are those of :class:`WheelDrive`; sets the model's time step, integrator and friction cone.
 
-        Args:
-            model: the robot in a scene; the drive sets its time step, integrator and friction cone. Its static geoms
-                are the obstacles that the servo keeps clear of.
-            data: of that model.
-            description: the robot.
-            odometer: reads the wheels; None = one without noise.
-            prefix: stands before the robot's names in the scene.
+        The model's static geoms are the obstacles that the servo keeps clear of.
 
         Raises:
             RobotError: if the model lacks a joint, an actuator or a geom of the robot, or mink drops an obstacle.
@@ -170,12 +164,10 @@ class PhysicsDrive(WheelDrive):
         driven_rad: tuple[float, float] = (0.0, 0.0),
         turned_rad: tuple[float, float] = (0.0, 0.0),
     ) -> StopReason | None:
-        """Why the robot can drive no more after a motion; None while it can.
+        """Why the robot can drive no more after a motion, which ``failed`` if it ended away from where it should.
 
-        Args:
-            failed: the motion ended away from where it should.
-            driven_rad: rotation of both sides' wheels that the motion asks for; 0 = it is not known.
-            turned_rad: rotation that their encoders measured.
+        ``driven_rad`` is the rotation of both sides' wheels that the motion asks for (0 = not known), ``turned_rad``
+        what their encoders measured.
         """
         if self._diverged:
             return StopReason.DIVERGED
@@ -276,7 +268,6 @@ class PhysicsDrive(WheelDrive):
 
     @property
     def _diverged(self) -> bool:
-        """Whether the simulation has become unstable."""
         return any(self._data.warning[kind].number for kind in UNSTABLE) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
@@ -330,5 +321,4 @@ class PhysicsDrive(WheelDrive):
 
 
 def _distance_m(a: Pose2, b: Pose2) -> float:
-    """Distance between two positions [m]."""
     return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)

@@ -22,12 +22,6 @@ class NoisyOdometry:
     """
 
     def __init__(self, config: SensorConfig, seed: int) -> None:
-        """Start without a pose.
-
-        Args:
-            config: the sensor, with its ``odometry_alpha``.
-            seed: of the noise.
-        """
         self._alpha = config.scaled().odometry_alpha
         self._seed = seed
         self.restart()

@@ -82,7 +82,6 @@ def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 
 def _printer() -> Quads:
-    """A desktop printer about the origin."""
     return join(
         box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
         box((-0.2, -0.3, 0.06), (0.2, -0.2, 0.08), DARK),

@@ -153,8 +153,6 @@ def _placements(scene: dict[str, Any]) -> list[_Placement]:
 
 
 class _Templates:
-    """The templates of one scene, each read once."""
-
     def __init__(self, src: Path, folders: Sequence[Path], names: set[str], report: ImportReport) -> None:
         self._folders = folders
         self._places = places_of(src, folders)
@@ -179,7 +177,6 @@ class _Templates:
         return [replace(transformed(submesh, matrix, shift), part=placement.template) for submesh in submeshes]
 
     def _read(self, name: str) -> list[Submesh]:
-        """The submeshes of a template as it is made, turned to y up."""
         path = self._files.get(name)
         if path is None:
             self._report.add(_NO_TEMPLATE, name)

@@ -63,11 +63,7 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
 
     JPEG, PNG and WebP textures are decoded and reduced to 1024 px; colours per vertex or face become a texture.
     Transparency is not kept: glass is opaque, as to a depth camera that sees it. A COLLADA file's unit is applied, its
-    up axis is not.
-
-    Args:
-        src: A .glb, .gltf, .obj, .ply, .stl or .dae file.
-        report: Gets what the file refers to and is missing.
+    up axis is not. The report gets what the file refers to and is missing.
 
     Raises:
         SceneError: if the file is missing, of another format, empty, damaged, too large, or holds no triangles.
