@@ -34,6 +34,7 @@ _TEXTURE_COST = 2
 """MuJoCo keeps a picture at its full size, and a second time while it compiles."""
 _MAX_MIB = 256
 """Largest MJCF file [MiB]."""
+_HEAD_BYTES = 65536
 LEVELS_UP = 3
 """A file may name others as far up as this number of folders above its own, as in ``../../assets``."""
 _COUNTED = ("replicate", "flexcomp", "composite")
@@ -121,6 +122,24 @@ def named_files(path: Path, others: Sequence[Path] = ()) -> list[Path]:
         return []
     found = {folder / below / name for below in counter.folders for name in counter.names}
     return sorted(file for file in {*found, *counter.known} if os.path.isfile(file))
+
+
+def root_tag(src: Path) -> str:
+    """The name of the outermost element of an XML file, found in its beginning; empty for anything else."""
+    try:
+        with src.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return ""
+    found = re.match(
+        rb"(?:\xef\xbb\xbf)?(?:\s|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za-z_][\w.-]*)", head, re.DOTALL
+    )
+    return "" if found is None else found[1].decode()
+
+
+def is_mjcf(src: Path) -> bool:
+    """Whether a file is a MuJoCo model."""
+    return src.suffix.lower() in (".xml", ".mjcf") and src.is_file() and root_tag(src) == "mujoco"
 
 
 @dataclass(frozen=True)

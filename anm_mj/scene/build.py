@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import mujoco
 import numpy as np
 
 from anm_mj.errors import RobotError, SceneError
@@ -15,9 +14,6 @@ from anm_mj.scene.mjcf import VISUAL_GROUP
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.utils.read_file import read_bytes
-
-if TYPE_CHECKING:
-    import mujoco
 
 
 def build_spec(scene: Scene) -> mujoco.MjSpec:
@@ -87,8 +83,6 @@ def build_model(
     other_boxes = top_m is not None and needs_other_boxes(top_m)
 
     def build() -> mujoco.MjModel:
-        import mujoco
-
         spec = build_spec(scene)
         if top_m is not None and other_boxes:
             replace_boxes(spec, scene, top_m)
