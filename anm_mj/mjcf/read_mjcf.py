@@ -76,7 +76,7 @@ def read_spec(
     if elements > most:
         raise ValueError(
             f"it has {elements:.4g} elements, copies counted {_COPY_COST} times, but files end at {most}: set "
-            "ANM_MJ_MAX_ELEMENTS if there should be so many"
+            "ANM_MJ_MAX_ELEMENTS to allow more"
         )
     try:
         with quiet_mujoco():
@@ -218,7 +218,7 @@ class _Counter:
         if self.cells > MAX_CELLS:
             raise ValueError(
                 f"with its {name} '{attributes.get('name', '')}' it has {self.cells:.4g} cells of textures and height "
-                f"fields, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS if there should be so many"
+                f"fields, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS to allow more"
             )
 
     def _file(self, within: Path, name: str) -> Path:
@@ -293,8 +293,7 @@ def _check_assets(spec: mujoco.MjSpec, folder: Path, own: _Places) -> None:
             if _TEXTURE_COST * megapixels > MAX_TEXTURE_MEGAPIXELS:
                 raise ValueError(
                     f"with {name!r} it has {megapixels:.0f} megapixels of textures, which count twice, but they end at "
-                    f"{MAX_TEXTURE_MEGAPIXELS}: shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS if there should be "
-                    "so many"
+                    f"{MAX_TEXTURE_MEGAPIXELS}: shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS to allow more"
                 )
         else:
             open_regular(path).close()

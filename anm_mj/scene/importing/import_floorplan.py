@@ -125,7 +125,7 @@ def _check_size(building: Building, src: Path) -> None:
     if len(building.rooms) > _MAX_ROOMS:
         raise SceneError(
             f"{src} has {len(building.rooms)} rooms, but floor plans end at {_MAX_ROOMS}: give a part of it, or set "
-            "ANM_MJ_MAX_ROOMS if there should be so many."
+            "ANM_MJ_MAX_ROOMS to allow more."
         )
     floor_m2 = sum(float(room.floor.area) for room in building.rooms)
     if not floor_m2 <= _MAX_FLOOR_M2:

@@ -172,7 +172,7 @@ class _Reader:
         if total > MAX_TRIANGLES:
             raise SceneError(
                 f"The geoms of the world have {total:.4g} triangles, but they end at {MAX_TRIANGLES}: make its meshes "
-                "or its <quality numslices numstacks> coarser, or set ANM_MJ_MAX_TRIANGLES if there should be so many."
+                "or its <quality numslices numstacks> coarser, or set ANM_MJ_MAX_TRIANGLES to allow more."
             )
 
     def _check_extent(self, geom: int, shape: Shape) -> None:
