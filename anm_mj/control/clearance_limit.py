@@ -136,7 +136,6 @@ def require_all_pairs(pairs: list[tuple[int, int]], body: int, obstacles: list[i
 
 
 def _bounding_rectangles(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
-    """x_min, y_min, x_max, y_max of static geoms [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     directions = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

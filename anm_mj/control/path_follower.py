@@ -116,7 +116,6 @@ class Follower:
 
 
 def _nearest_on_leg(x_m: float, y_m: float, start_m: list[float], end_m: list[float]) -> list[float]:
-    """The point of a leg of the path that is nearest to a place."""
     along_x, along_y = end_m[0] - start_m[0], end_m[1] - start_m[1]
     share = (x_m - start_m[0]) * along_x + (y_m - start_m[1]) * along_y
     share /= max(along_x * along_x + along_y * along_y, 1e-12)

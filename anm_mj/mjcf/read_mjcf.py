@@ -112,10 +112,10 @@ def top_folder(folder: Path, levels_up: int) -> Path:
     return top
 
 
-def named_files(path: Path, others: Sequence[Path] = ()) -> list[Path]:
+def named_files(path: Path) -> list[Path]:
     """The files that exist of those that an MJCF file and its includes name; none where it cannot be read."""
     folder = Path(os.path.realpath(path)).parent
-    counter = _Counter(folder, _Places(top_folder(folder, LEVELS_UP), tuple(others)))
+    counter = _Counter(folder, _Places(top_folder(folder, LEVELS_UP)))
     try:
         counter.elements(path)
     except (OSError, ValueError):

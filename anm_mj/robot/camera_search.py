@@ -203,7 +203,6 @@ def _no_camera(
     path: Path,
     what: str,
 ) -> str:
-    """Says which cameras there are and where they look."""
     if not cameras:
         others = [model.camera(c).name for c in range(model.ncam) if model.cam_bodyid[c] and _off_duty(model, c)]
         which = f"{', '.join(others)}, which follow something or are orthographic" if others else "none"

@@ -260,7 +260,6 @@ def _find_base(
 
 
 def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
-    """The wheels of each side as one; none for a holonomic base."""
     if not base.wheels:
         return ()
     return tuple(

@@ -121,7 +121,6 @@ def find_drive_joints(
 
 
 def _given(model: mujoco.MjModel, names: str, side: str, path: Path) -> list[int]:
-    """Joints that the user names."""
     found = []
     for name in (part.strip() for part in names.split(",") if part.strip()):
         joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)

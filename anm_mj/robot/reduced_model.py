@@ -101,5 +101,4 @@ def _inertial(
 
 
 def _text(values: Float[np.ndarray, " n"]) -> str:
-    """Numbers at full precision."""
     return " ".join(repr(float(value)) for value in values)

@@ -69,7 +69,6 @@ def _chunks_of(vertices: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray) -> None:
-    """Add a mesh of the vertices that faces use."""
     used, compact = np.unique(faces, return_inverse=True)
     # A lone triangle has too few vertices for a mesh.
     used = np.concatenate([used, np.repeat(used[:1], max(0, MIN_VERTICES - len(used)))])

@@ -55,7 +55,6 @@ def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[],
 
 
 def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
-    """A name for everything that the model is made from."""
     made_from = (mujoco.__version__, str(CONVERTER_VERSION), scene.hash, robot_hash, prefix)
     digest = hashlib.sha256("\0".join(made_from).encode())
     digest.update(scene.xml.read_bytes())
@@ -66,7 +65,6 @@ def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
 
 
 def _load(key: str) -> mujoco.MjModel | None:
-    """The model kept under a key, or None if there is none that is whole."""
     for path in cache_folder("models").glob(f"{key}-*.mjb"):
         try:
             if f"{zlib.crc32(path.read_bytes()):08x}" == path.stem.rpartition("-")[2]:
@@ -80,7 +78,6 @@ def _load(key: str) -> mujoco.MjModel | None:
 
 
 def _store(key: str, model: mujoco.MjModel) -> None:
-    """Keep a model, and forget those that were used longest ago."""
     folder = cache_folder("models")
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / f".{uuid.uuid4().hex}"

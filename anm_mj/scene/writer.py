@@ -234,7 +234,6 @@ def check_destination(out: Path, overwrite: bool = True) -> None:
 
 
 def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:
-    """Write one mesh per submesh and each texture once; what was drawn, in order."""
     assets.mkdir()
     drawn, texture_files = [], {}
     for i, submesh in enumerate(submeshes):

@@ -144,12 +144,10 @@ def _doubled(cells: Float32[np.ndarray, "r c"], axis: int) -> list[Float32[np.nd
 
 
 def _log2(counts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Largest i with 2^i <= count."""
     return np.frexp(counts.astype(np.float64))[1].astype(np.int64) - 1
 
 
 def _box_corners(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float64[np.ndarray, "n 8 3"]:
-    """Corners of the bounding boxes of static geoms, world [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     signs = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
@@ -160,7 +158,6 @@ def _box_corners(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float64
 
 
 def _has_glass(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> bool:
-    """True if a geom or a texture of the model may be transparent."""
     materials = model.geom_matid[geoms]
     opacity = np.where(materials >= 0, model.mat_rgba[materials, 3] if model.nmat else 1.0, model.geom_rgba[geoms, 3])
     return bool((opacity < 1.0).any() or (model.tex_nchannel == 4).any())

@@ -126,7 +126,6 @@ class ProbeError(Exception):
 
 
 def _imported_backend() -> str | None:
-    """The back-end of an already imported mujoco, or None before its import."""
     if "mujoco" not in sys.modules:
         return None
     bound = [name for name in ("egl", "osmesa", "cgl", "glfw") if f"mujoco.{name}" in sys.modules]
@@ -154,7 +153,6 @@ def forget_backend(name: str) -> None:
 
 
 def _cache_path(name: str) -> Path:
-    """Cache file for this machine, version of mujoco and device."""
     key = (
         platform.node(),
         platform.release(),

@@ -137,7 +137,6 @@ class GlCamera(Camera):
 
 
 def _close(camera: weakref.ref[GlCamera]) -> None:
-    """Close a camera that still exists."""
     if (open_one := camera()) is not None:
         open_one.close()
 

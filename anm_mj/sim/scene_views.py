@@ -119,7 +119,6 @@ class SceneViews:
 
 
 def _same(a: Float32[np.ndarray, "h w"], b: Float32[np.ndarray, "h w"], tolerance_m: float) -> float:
-    """Fraction of pixels with the same depth, or without depth in both."""
     return float(((np.abs(a - b) < tolerance_m) | (np.isnan(a) & np.isnan(b))).mean())
 
 

@@ -155,7 +155,6 @@ class SimRobot:
             self._camera.begin(coming)
 
     def _forget_coming(self) -> None:
-        """Forget the states whose images were given out or given up."""
         if isinstance(self._camera, AheadCamera):
             done = len(self._coming) - self._camera.num_begun
             self._spare += [data for _, data in self._coming[:done]]

@@ -229,7 +229,6 @@ def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:
 
 
 def _array_bytes(file: Any) -> int:
-    """Size that the header of an array states [bytes]."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)

@@ -154,7 +154,6 @@ def _submesh(
     image: UInt8[np.ndarray, "h w 3"],
     cuts: dict[int, Cut],
 ) -> Submesh:
-    """The quads as triangles, with texture coordinates at the centres of their corner texels."""
     ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     whole = np.array([k for k in range(len(corner_px)) if k not in cuts], dtype=np.int64)
     texels = [(corner_px[whole, None] + _MARGIN_PX + 0.5 + ends * (size_px[whole, None] - 1)).reshape(-1, 2)]

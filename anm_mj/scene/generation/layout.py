@@ -78,7 +78,6 @@ _Shared = tuple[int, float, tuple[float, float], float]
 
 
 def _adjacent(cells: list[Cell]) -> dict[_Pair, _Shared]:
-    """Pairs of cells that share enough wall for a door, with the shared stretch."""
     pairs: dict[_Pair, _Shared] = {}
     for i, a in enumerate(cells):
         for j, b in enumerate(cells[:i]):

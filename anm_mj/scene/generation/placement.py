@@ -146,7 +146,6 @@ class RoomSpace:
         return np.column_stack([points, turns + skew, np.full(len(points), -1), np.zeros(len(points))])
 
     def _hang(self, piece: Piece) -> Placed | None:
-        """A place on a wall with no window, door or piece of furniture there."""
         x0, _, x1, _ = piece.outline_m
         for k in self._rng.permutation(len(self._stretches)):
             wall, start, end = self._stretches[k]

@@ -105,7 +105,6 @@ def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Gener
 
 
 def _dealt(room_types: list[str], num_rows: int, rng: np.random.Generator) -> list[list[tuple[str, float]]]:
-    """Rooms (type, area) dealt to rows so that the rows' areas are about equal, in no fixed order."""
     rooms = [(room_type, float(rng.uniform(*ROOM_TYPES[room_type].area_m2))) for room_type in room_types]
     rows: list[list[tuple[str, float]]] = [[] for _ in range(num_rows)]
     for room_type, area in sorted(rooms, key=lambda room: -room[1]):

@@ -102,7 +102,6 @@ def _tiles(outline: shapely.Polygon) -> list[shapely.Polygon]:
 
 
 def _triangulated(polygon: shapely.Polygon) -> Float64[np.ndarray, "k 3 2"]:
-    """Triangles of a polygon, counter-clockwise."""
     turned = orient(polygon)
     rings = [np.asarray(ring.coords)[:-1, :2] for ring in (turned.exterior, *turned.interiors)]
     points = np.concatenate(rings)

@@ -74,7 +74,6 @@ class VoxelLighting:
     def _add_direct(
         self, total: Float64[np.ndarray, " n"], points_m: _Vectors, normals: _Vectors, light: Light
     ) -> None:
-        """Add the light of one source, with soft shadows."""
         ray = np.array(light.centre_m) - points_m
         near = np.flatnonzero((ray**2).sum(axis=1) < _REACH_M**2)
         ray = ray[near]

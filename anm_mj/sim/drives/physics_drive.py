@@ -258,7 +258,6 @@ class PhysicsDrive(WheelDrive):
         return any(self._data.warning[kind].number for kind in UNSTABLE) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
-        """Brake to rest and make the reached pose the reference."""
         self._data.ctrl[self._motors] = 0.0
         for _ in range(math.ceil(_SETTLE_S / self._period_s)):
             mujoco.mj_step(self._model, self._data, nstep=_SUBSTEPS)

@@ -130,7 +130,6 @@ class _Placement:
 
 
 def _placements(scene: dict[str, Any]) -> list[_Placement]:
-    """All instances of a scene, the stage first."""
     # Habitat's default is the centre of mass, which it takes from the bounding box.
     usual = str(scene.get("translation_origin", "com"))
     entries = [(scene["stage_instance"], "asset_local")] if scene.get("stage_instance") else []
@@ -220,7 +219,6 @@ def _canonical_axes(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:
 
 
 def _find_templates(folders: Sequence[Path], names: set[str]) -> dict[str, Path]:
-    """The file of every template that is somewhere below the folders."""
     found: dict[str, tuple[int, Path]] = {}
     for folder in folders:
         for parent, below, files in os.walk(folder):

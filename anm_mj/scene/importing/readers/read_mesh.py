@@ -123,7 +123,6 @@ def _head(src: Path) -> bytes:
 
 
 def _collada_unit_m(src: Path) -> float:
-    """Metres per unit that a COLLADA file states; 1 by default."""
     stated = re.search(rb"<unit[^>]*\bmeter\s*=\s*[\"']([0-9.eE+-]+)[\"']", _head(src))
     try:
         unit_m = float(stated[1]) if stated else 1.0
@@ -142,7 +141,6 @@ class _PlacedMesh(NamedTuple):
 
 
 def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
-    """Every mesh of a scene at every place it stands, moved there."""
     import trimesh
 
     placed = []

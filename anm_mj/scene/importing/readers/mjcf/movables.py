@@ -38,7 +38,6 @@ def movable_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, part: str)
 
 
 def _solid(model: mujoco.MjModel, data: mujoco.MjData, geom: int, inverse: Float64[np.ndarray, "4 4"]) -> Solid | None:
-    """The shape that a geom collides with, in the frame of its object."""
     kinds = mujoco.mjtGeom
     words = {
         int(kinds.mjGEOM_SPHERE): ("sphere", 1),

@@ -145,7 +145,6 @@ class _Reader:
         return drawn, solid
 
     def _add_grounds(self, shapes: dict[int, Shape], grounds: list[int]) -> None:
-        """Cut planes, height fields and wide flat boxes to everything else."""
         fields = {geom: shapes.pop(geom) for geom in grounds if geom in shapes}
         slabs = {geom: shapes.pop(geom) for geom in list(shapes) if self._is_slab[geom]}
         standing = {geom: self._placement(geom).moved(shape) for geom, shape in shapes.items()}
