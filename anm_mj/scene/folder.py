@@ -127,7 +127,7 @@ def default_steps(rooms: int | None) -> int:
 
 
 def _known_scenes() -> dict[str, Path]:
-    """Folders of all scenes that have a name, wherever the program runs; the user's hide builtin ones, these imported ones."""
+    """Folders of all named scenes, wherever the program runs: the user's hide builtin ones, these imported ones."""
     folders = [*remembered_folders(), *(folder for root in _scene_roots() for folder in _scene_folders(root))]
     return {folder.name: folder for folder in folders}
 

@@ -203,7 +203,7 @@ def _morphed(gltf: GltfFile) -> Iterator[str]:
 
 
 def _undecodable(gltf: GltfFile) -> Iterator[str]:
-    """Names of the pictures of colours that the library would leave out without a word; missing ones are noted elsewhere."""
+    """Names of the pictures of colours that the library would silently leave out; missing ones are noted elsewhere."""
     textures = {slot["index"]: gltf.entry("textures", slot["index"]) for slot in _colour_slots(gltf)}
     yield from (
         f"texture {index}"
