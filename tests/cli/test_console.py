@@ -30,7 +30,13 @@ def test_neither_lines_nor_cells_of_tables_do():
 
 
 def test_a_closed_pipe_ends_nothing_and_says_nothing():
-    program = "from anm_mj.cli.console import PlainConsole\nc = PlainConsole()\nfor i in range(20000): c.say('line')\nraise SystemExit(7)"
+    program = """
+from anm_mj.cli.console import PlainConsole
+console = PlainConsole()
+for _ in range(20000):
+    console.say("line")
+raise SystemExit(7)
+"""
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -46,7 +52,7 @@ import pwd, sys
 def nobody(uid): raise KeyError(uid)
 pwd.getpwuid = nobody
 from anm_mj.cli.main import main
-sys.exit(main(["explore", "room", "--steps", "2", "--set", "mapping.schedule.final_iterations=1", "--out", sys.argv[1]]))
+sys.exit(main(["explore", "room", "--steps", "2", "--out", sys.argv[1]]))
 """
     env = {key: value for key, value in os.environ.items() if key not in {"HOME", "MPLCONFIGDIR"}} | {
         "TMPDIR": str(tmp_path)
