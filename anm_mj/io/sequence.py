@@ -90,6 +90,8 @@ class Sequence:
     """Whether the poses of frames mean something; else all are the same."""
     interpolated: tuple[int, ...] = ()
     """Frames whose pose no file states."""
+    assumes_camera: bool = False
+    """Whether no file states the camera: it is the one that the layout's data set has."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -173,11 +175,15 @@ class Sequence:
                 depth_m = read_npy(path)
                 if depth_m.dtype.kind not in "fiu":
                     raise ValueError(f"it holds {depth_m.dtype}, which is no depth")
-                depth_m = depth_m.astype(np.float32)
+                unit = self.depth_unit_m if depth_m.dtype.kind in "iu" else 1.0
+                depth_m = depth_m.astype(np.float32) * np.float32(unit)
             except (OSError, ValueError) as err:
                 raise RunFolderError(f"{path} cannot be read ({err}).") from err
         else:
-            depth_m = read_image(path).astype(np.float32) * np.float32(self.depth_unit_m)
+            stated = read_image(path)
+            # Floating point is in metres.
+            unit = self.depth_unit_m if stated.dtype.kind in "iu" else 1.0
+            depth_m = stated.astype(np.float32) * np.float32(unit)
         if depth_m.ndim != 2:
             raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
         return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
