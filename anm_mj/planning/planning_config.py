@@ -58,6 +58,17 @@ class PlanningConfig:
     """A region is anchored to a vertex that sees it from within this range, and three quarters of the camera's [m]."""
     anchor_max_incidence_deg: float = 75.0
     """Largest angle between the view and the region's normal [deg]."""
+    uncertainty_aware: bool = True
+    """Whether plans weigh what they cost in certainty where poses are estimated; the next four say how."""
+    unbound_step_cost: float = setting(0.5, at_least=0.0)
+    """A step whose view binds the position in one direction at most counts as so many steps more (policy ``gvg``)."""
+    bound_share: float = setting(0.05, at_most=0.5)
+    """A view binds the position fully where its surface holds the direction that it holds least with this share of its
+    rays."""
+    return_deviation_m: float = 0.025
+    """Where the standard deviation of the position exceeds this, the robot goes back to where it was half of it [m]."""
+    return_deviation_rad: float = 0.015
+    """Likewise for that of the heading [rad]."""
 
     def __post_init__(self) -> None:
         """Check the limits.

@@ -74,6 +74,10 @@ class Gvg:
         self._bootstrapped = False
         self._goal = context.goal
         self._improving = False
+        self._heard_step = -1
+        """Step of the last observation that the map has learnt from."""
+        self._is_estimated = False
+        """Whether poses come with an uncertainty."""
         self._errors_read_step = 0
         self._former = np.zeros((0, 3))
         """Poses of former runs."""
@@ -106,6 +110,8 @@ class Gvg:
         """Note where the robot is, and where its camera measured nothing."""
         self._stages.observe(observation)
         self._unmeasured.add(observation)
+        self._heard_step = observation.step
+        self._is_estimated |= observation.position_deviation_m > 0.0
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the way to the first view of the best tour."""
@@ -160,7 +166,8 @@ class Gvg:
         elif is_first:
             for x, y, yaw in self._former:
                 self._gain.suppress_view(Pose2(x, y, yaw))
-        self._gain.suppress_view(observation.pose)
+        if observation.step == self._heard_step:
+            self._gain.suppress_view(observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
@@ -237,7 +244,8 @@ class Gvg:
         self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain
     ) -> tuple[Places, list[Tour]]:
         """The best tours, best first, and the places that their views refer to."""
-        costs = TravelCosts(state.paths)
+        costs, shared = TravelCosts(state.paths), self._stages.config
+        weighs_certainty = shared.uncertainty_aware and self._is_estimated
         heading, limits = (
             sector_of(state.pose.yaw_rad),
             {"depth": self.config.tour_depth, "width": self.config.tour_width},
@@ -249,7 +257,9 @@ class Gvg:
             places = Places(candidates.xy_m[short], candidates.vertex[short], *gain.ray_gains(candidates.xy_m[short]))
             is_target = [self._target is not None and self._target.is_near(xy) for xy in places.xy_m]
             preference = np.where(is_target, self.config.hysteresis, 1.0)
-            table = TransitionTable(places, costs, gain.view_side)
+            unbound = gain.unbound_shares(places.xy_m, shared.bound_share) if weighs_certainty else None
+            more = None if unbound is None else shared.unbound_step_cost * unbound
+            table = TransitionTable(places, costs, gain.view_side, more)
             tours = best_tours(table, heading, discount_steps=discount_steps, preference=preference, **limits)
             return places, tours, float(preference[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
 
