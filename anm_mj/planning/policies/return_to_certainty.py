@@ -33,15 +33,14 @@ class ReturnToCertainty:
 
     def observe(self, observation: Observation) -> None:
         """Note where the robot is, and how sure it is of it."""
-        share = max(observation.position_deviation_m / self._most_m, observation.heading_deviation_rad / self._most_rad)
         self._trail.append(observation.pose)
-        self._is_unsure = share > 1.0 or (self._is_unsure and share > SURE_SHARE)
-        if share <= SURE_SHARE:
-            self._trail, self._num_plans = [observation.pose], 0
+        if self._share(observation) <= SURE_SHARE:
+            self._trail, self._is_unsure, self._num_plans = [observation.pose], False, 0
         self._policy.observe(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The policy's decision, or the way back."""
+        self._is_unsure |= self._share(observation) > 1.0
         back = self._back(observation) if self._is_unsure and self._num_plans < MOST_PLANS else None
         if back is None:
             return self._policy.plan(mapper, observation)
@@ -53,13 +52,19 @@ class ReturnToCertainty:
         self._num_plans = MOST_PLANS
         self._policy.on_collision(pose, action)
 
+    def _share(self, observation: Observation) -> float:
+        """How much the pose deviates, as a share of the deviations that the robot returns at."""
+        return max(observation.position_deviation_m / self._most_m, observation.heading_deviation_rad / self._most_rad)
+
     def _back(self, observation: Observation) -> Plan | None:
         """The way back along the trail; None where there is nothing to do for it."""
+        if not self._trail:
+            return None
         sure, pose = self._trail[0], observation.pose
         away_m = math.dist(sure.xy_m, pose.xy_m)
         if away_m < ARRIVED_M and abs(wrap_angle(sure.yaw_rad - pose.yaw_rad)) < TURN_STEP_RAD:
             return None
-        path = np.array([pose.xy_m, *(place.xy_m for place in reversed(self._trail[:-1]))])
+        path = np.array([pose.xy_m, *(place.xy_m for place in reversed(self._trail))])
         return Plan(
             f"return to where the pose was certain, {away_m:.1f} m away: its standard deviations are "
             f"{100.0 * observation.position_deviation_m:.1f} cm and "
