@@ -59,8 +59,8 @@ class PlanningConfig:
     anchor_max_incidence_deg: float = 75.0
     """Largest angle between the view and the region's normal [deg]."""
     uncertainty_aware: bool = True
-    """Whether plans weigh what they cost in certainty where poses are estimated; the next four say how."""
-    unbound_step_cost: float = setting(0.5, at_least=0.0)
+    """Whether plans weigh certainty where poses are estimated; the next four say how."""
+    unbound_step_cost: float = setting(0.0, at_least=0.0)
     """A step whose view binds the position in one direction at most counts as so many steps more (policy ``gvg``)."""
     bound_share: float = setting(0.05, at_most=0.5)
     """A view binds the position fully where its surface holds the direction that it holds least with this share of its

@@ -245,7 +245,7 @@ class Gvg:
     ) -> tuple[Places, list[Tour]]:
         """The best tours, best first, and the places that their views refer to."""
         costs, shared = TravelCosts(state.paths), self._stages.config
-        weighs_certainty = shared.uncertainty_aware and self._is_estimated
+        weighs_certainty = shared.uncertainty_aware and shared.unbound_step_cost > 0.0 and self._is_estimated
         heading, limits = (
             sector_of(state.pose.yaw_rad),
             {"depth": self.config.tour_depth, "width": self.config.tour_width},
