@@ -1,6 +1,5 @@
 """What a policy hears of."""
 
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -18,7 +17,7 @@ def test_a_policy_hears_of_what_enters_the_map(usable):
     seen = observe(0, Pose2(0.0, 0.0, 0.0))
     quality = RegistrationQuality(1.0, 1.0, 0.0, 3, 3)
     estimate = PoseEstimate(seen, np.eye(6), quality, TrackingState.TRACKING, usable)
-    localiser = SimpleNamespace(localise=Mock(), integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
+    localiser = Mock(integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
     policy = Mock()
 
     learn(seen, estimate, localiser, Mock(), policy, Stopwatch())
