@@ -1,6 +1,6 @@
 """Goes on with a run that was killed or interrupted, from its newest whole checkpoint.
 
-The run is put together anew from the configuration in its folder, the stored state is laid over it, the logs are cut
+The run is rebuilt from the configuration in its folder, the stored state is laid over it, the logs are cut
 to the length that they had then, and the loop goes on. On a CPU the files at the end are those of an undisturbed run,
 but for times. Files of a run folder are data: nothing in them is executed.
 """
@@ -186,7 +186,7 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
         if before != now:
             raise CheckpointError(
                 f"The {name} '{known.get(name)}' has changed since the run began (hash {str(before)[:12]}, now "
-                f"{now[:12]}); put the former one back, or start a new run."
+                f"{now[:12]}); put the old one back, or start a new run."
             )
 
 

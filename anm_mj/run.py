@@ -109,7 +109,7 @@ def run_loop(
         recorder: writes it.
         state: where the loop stands.
         observers: see :func:`run`.
-        begin: ``time.perf_counter`` at the start of the program, less the time of a former one [s].
+        begin: ``time.perf_counter`` at the start of the program, less the time of an earlier one [s].
 
     Raises:
         AnmError: of a stage, or the folder cannot be written.
@@ -188,8 +188,8 @@ def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> d
 def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionState:
     """The planning stages of the paper's policy, run once on the final map along the trajectory of the whole run."""
     stages = RegionStages(parts.config.planning, parts.robot.footprint)
-    if recorder.former is not None:
-        stages.continue_from(recorder.former)
+    if recorder.prior is not None:
+        stages.continue_from(recorder.prior)
     for pose in recorder.poses:
         stages.topdown.visit(pose.xy_m)
     return stages.read(parts.mapper, ended.observation)

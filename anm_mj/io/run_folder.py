@@ -127,10 +127,8 @@ class RunFolder:
 
     @property
     def map(self) -> Path:
-        """The neural map; that of a run of an older version has the name that it had then."""
-        path = self.path / "map.safetensors"
-        former = self.path / "map.pt"
-        return former if former.is_file() and not path.is_file() else path
+        """The neural map."""
+        return self.path / "map.safetensors"
 
     @property
     def topdown_picture(self) -> Path:

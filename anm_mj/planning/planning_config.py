@@ -46,7 +46,7 @@ class PlanningConfig:
     region_error_m: float = 0.005
     """With ``error``, surface whose expected error has a larger reducible part than this is known badly [m]."""
     region_radius_m: float = 6.0
-    """Uncertainty is computed anew within this distance of the robot and remembered beyond [m]: what the vertices in
+    """Uncertainty is recomputed within this distance of the robot and remembered beyond [m]: what the vertices in
     the local horizon can see."""
     region_max_height_m: float = 1.5
     """Higher surface forms no regions [m]."""

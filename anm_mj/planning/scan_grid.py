@@ -52,7 +52,7 @@ RENEWAL = 0.5
 MOST, LEAST = 3.5, -2.0
 """Bounds of a cell's log-odds, so that later scans can still change its state."""
 MOST_FORMER, LEAST_FORMER = 1.1, -0.8
-"""The same for what a former run left: one scan or three change it."""
+"""The same for what a prior run left: one scan or three change it."""
 
 
 class ScanGrid:
@@ -70,7 +70,7 @@ class ScanGrid:
         """Where in each cell the beams ended: x and y from its centre [m]; NaN where none did."""
 
     def continue_from(self, log_odds: Float[np.ndarray, "rows cols"], origin_xy_m: Float[np.ndarray, "2"]) -> None:
-        """Begin with the grid of a former run, of which a few scans change what has changed since."""
+        """Begin with the grid of a prior run, of which a few scans change what has changed since."""
         # The grid grows in whole blocks from a corner of theirs.
         self.origin_xy_m = np.rint(origin_xy_m / RESOLUTION_M) * RESOLUTION_M
         self.log_odds = np.clip(log_odds.astype(np.float32), LEAST_FORMER, MOST_FORMER)
