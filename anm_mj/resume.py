@@ -107,11 +107,7 @@ def resume(
 
 @contextmanager
 def _of_stored_state(stored: StoredState) -> Iterator[None]:
-    """Say of whatever a stored state leads to that it is the state's: anybody may have written it.
-
-    Raises:
-        CheckpointError: the block raised an error that is nobody's in particular.
-    """
+    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it."""
     try:
         yield
     except AnmError:
@@ -131,11 +127,7 @@ def _restore(stored: StoredState, roots: dict[str, Any], parts: Parts) -> None:
 
 
 def _config(folder: RunFolder, policy: str | None) -> RunConfig:
-    """The run's configuration.
-
-    Raises:
-        CheckpointError: its policy is no name, or code that nobody has vouched for.
-    """
+    """The configuration; raises CheckpointError where the policy is no name, or code that nobody has vouched for."""
     values = read_json(folder.config)
     named = values.get("policy")
     if not isinstance(named, str):
@@ -161,11 +153,7 @@ def _require_unfinished(folder: RunFolder) -> None:
 
 
 def _require_logs(folder: RunFolder, state: StoredState) -> None:
-    """Whether the logs reach as far as the checkpoint.
-
-    Raises:
-        CheckpointError: They do not, or it does not say how far.
-    """
+    """Raises CheckpointError unless the logs reach as far as the checkpoint."""
     try:
         facts = convert(state.facts, _Facts)
     except ValueError as err:

@@ -94,7 +94,7 @@ class Survey(Protocol):
         ...
 
 
-class WayBack(NamedTuple):
+class ReturnFacts(NamedTuple):
     """How a robot that was to go back to its start did so."""
 
     steps: int | None
@@ -103,7 +103,7 @@ class WayBack(NamedTuple):
     """From the last pose to the first one [m]."""
 
     @classmethod
-    def of(cls, poses: list[Pose2], explored_steps: int | None) -> WayBack:
+    def of(cls, poses: list[Pose2], explored_steps: int | None) -> ReturnFacts:
         """The return of a run, from its poses and the number of steps before it; None = there was none."""
         steps = None if explored_steps is None else len(poses) - 1 - explored_steps
         return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m))
@@ -126,7 +126,7 @@ def write_results(
     wall_s: float,
     release: Callable[[], None] = lambda: None,
     memory: dict[str, np.ndarray] | None = None,
-    back: WayBack | None = None,
+    back: ReturnFacts | None = None,
 ) -> Metrics:
     """Write mesh, map, pictures and metrics, and close the recorder.
 
