@@ -25,7 +25,8 @@ from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, script_json
-from anm_mj.viz.page_server import FIRST_PORT, PageServer
+from anm_mj.viz.file_server import FIRST_PORT
+from anm_mj.viz.page_server import PageServer
 
 logger = logging.getLogger(__name__)
 

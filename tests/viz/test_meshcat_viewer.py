@@ -307,7 +307,7 @@ def test_next_free_port_is_taken_and_named(caplog):
 
 
 def test_no_free_port_is_one_sentence(monkeypatch):
-    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
+    monkeypatch.setattr(file_server, "PORTS_TRIED", 1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
