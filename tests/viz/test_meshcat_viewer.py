@@ -17,7 +17,7 @@ from tornado.websocket import websocket_connect
 
 from anm_mj.errors import RenderError
 from anm_mj.types import Pose2
-from anm_mj.viz import meshcat_viewer, page_server
+from anm_mj.viz import file_server, meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
