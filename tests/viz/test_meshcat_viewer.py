@@ -16,7 +16,8 @@ from PIL import Image
 from tornado.websocket import websocket_connect
 
 from anm_mj.errors import RenderError
-from anm_mj.types import Pose2
+from anm_mj.events import Ended
+from anm_mj.types import Pose2, StopReason
 from anm_mj.viz import file_server, meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from tests.box_room import FakeMap, observe, room_plan
@@ -345,9 +346,9 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         # The robot, its path and the walls, not an empty canvas.
         assert shown.std() > 8.0
 
-        viewer.ended("The run has ended: COMPLETE, 30 steps, 0.3 m.")
+        viewer.on_event(Ended(StopReason.COMPLETE, 30, 1.0, observe(30, Pose2(0.0, 0.0, 0.0))))
         viewer.close()
         browser.wait("!document.getElementById('ended').hidden")
-        assert browser.evaluate(text("ended")) == "The run has ended: COMPLETE, 30 steps, 0.3 m."
+        assert browser.evaluate(text("ended")) == "The run has ended after 30 steps: COMPLETE."
         assert browser.evaluate(text("step")) == "29 of at most 500"
         assert browser.problems == []
