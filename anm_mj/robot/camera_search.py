@@ -15,7 +15,6 @@ from anm_mj.robot.body_tree import solid_geoms, unused_name
 from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, RobotConfig
 
 CAMERA = "camera"
-"""Usual name of the camera."""
 _ASIDE_DEG = 30.0
 """A camera looks within this angle of the robot's forward direction, seen from above [deg]."""
 _INSIDE_M = {"file": 0.035, "mounted": 0.005}

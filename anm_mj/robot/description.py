@@ -101,7 +101,6 @@ class RobotDescription:
     key_frame: str
     """Key frame at which joints were locked; empty = their reference positions."""
     locked: tuple[str, ...]
-    """Names of the locked joints."""
     notes: tuple[str, ...]
     """What else was changed, one sentence each."""
 
