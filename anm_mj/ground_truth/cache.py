@@ -53,7 +53,7 @@ def cached_ground_truth(
     if not embree_installed():
         _logger.warning(
             "The observable surface is not computed, because embreex is not installed; "
-            "install it with pip install 'anm-mj[embree]'."
+            "install it with pip install embreex."
         )
         return truth
     area = reachable_area(scene, footprint, start)

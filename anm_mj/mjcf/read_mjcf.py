@@ -17,6 +17,7 @@ from xml.parsers import expat
 
 from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.utils.file_limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
+from anm_mj.utils.files import home_folder
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
@@ -101,7 +102,7 @@ def top_folder(folder: Path, levels_up: int) -> Path:
 
     Beyond the first, it is never the user's home or above.
     """
-    home = Path.home()
+    home = home_folder()
     top = folder
     for level, above in enumerate(folder.parents[:levels_up]):
         is_shared = above == Path(above.anchor) or (level > 0 and (above == home or above in home.parents))

@@ -38,7 +38,7 @@ def make_camera(
     if kind == MujocoRayCamera.kind:
         _logger.warning(
             "MuJoCo's ray caster renders the images: tenths of a second each and one colour per mesh. "
-            "`pip install 'anm-mj[embree]'` renders them ten times as fast and with textures."
+            "`pip install embreex` renders them ten times as fast and with textures."
         )
         return MujocoRayCamera(model, camera_name, width, height)
     require_unforked()
