@@ -82,8 +82,8 @@ def map_sequence(
     policy = _shadow_policy(config, footprint) if shadow else None
     name = config.policy if shadow else RECORDED
     folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
-    folder.write_manifest(manifest(_facts(config, neural_map, name), sys.argv))
-    folder.write_config(config)
+    write_json(folder.manifest, manifest(_facts(config, neural_map, name), sys.argv))
+    write_json(folder.config, config)
     log = RunLog(folder, config.record)
     cameras = LineWriter(folder.camera_trajectory, None) if tracker is not None else None
     records: list[FrameRecord] = []

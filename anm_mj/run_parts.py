@@ -172,7 +172,7 @@ def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Seq
 
 
 def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
-    """A policy with the look around of a continued run, and with the ways back."""
+    """A policy with the look around of a continued run, and with the returns to certainty and to the start."""
     policy = explorer if config.continue_from is None else LookingAround(explorer)
     if config.pose == "slam" and config.planning.uncertainty_aware:
         policy = ReturnToCertainty(policy, config.planning)
