@@ -25,6 +25,7 @@ from anm_mj.cli.scene_check import scene_check
 from anm_mj.cli.version import version
 from anm_mj.cli.view import view
 from anm_mj.errors import AnmError
+from anm_mj.utils.extras import missing_package
 
 INTERRUPTED = 130
 """Exit status of a program that a second Ctrl-C has ended, by custom 128 + SIGINT."""
@@ -83,9 +84,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             "programs."
         )
     except Exception as err:
-        if verbose:
+        missing = missing_package(err) if isinstance(err, ModuleNotFoundError) else None
+        if verbose and missing is None:
             raise
-        sentence = _unforeseen(err)
+        sentence = missing or _unforeseen(err)
     # What a library says within the sentence may come in several lines.
     console.print(f"{PROGRAM}: {' '.join(sentence.split())}", style="red", highlight=False, soft_wrap=True)
     return USAGE_ERROR

@@ -44,16 +44,10 @@ def remount_camera(
     config: CameraConfig,
     image_px: int,
 ) -> None:
-    """Change height, tilt and field of view of a camera in the spec.
+    """Change height, tilt and field of view of the camera ``name`` in the spec, as the configuration asks for.
 
-    Args:
-        spec: the robot; its camera is changed in place.
-        model: compiled from it.
-        data: of the model, with up-to-date poses.
-        name: of the camera.
-        T_world_base: base frame to world.
-        config: what is asked for.
-        image_px: width and height of the image where the configuration does not say [px].
+    ``model`` is compiled from the spec and ``data`` has its poses up to date; ``image_px`` is the size of an image
+    where the configuration does not say [px].
     """
     if config.fov_deg:
         spec.camera(name).fovy = config.fov_y_deg(image_px)
@@ -74,10 +68,7 @@ def upright_camera(
     """Turn a camera that is mounted on its side or upside down about its axis until its image is upright.
 
     Its image is square unless the settings say otherwise, so that it shows the same. Arguments as for
-    :func:`remount_camera`.
-
-    Returns:
-        What was done, for the notes; empty where the camera stands upright.
+    :func:`remount_camera`. Returns what was done, for the notes; empty where the camera stands upright.
     """
     T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(model, data, name)
     ahead = T_base_camera[:3, 2]
@@ -102,6 +93,5 @@ def _place(
     T_world_base: Float[np.ndarray, "4 4"],
     T_base_camera: Float[np.ndarray, "4 4"],
 ) -> None:
-    """Move a camera of the spec to a pose in the base frame."""
     T_world_body = body_pose(data, int(model.cam_bodyid[model.camera(name).id]))
     set_pose(spec.camera(name), np.linalg.inv(T_world_body) @ T_world_base @ T_base_camera @ T_GL_CV)

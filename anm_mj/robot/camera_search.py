@@ -103,11 +103,7 @@ def aside_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
 def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, wheels: str, path: Path) -> None:
     """Accept a camera that looks forward and no more than 45 degrees up or down.
 
-    Args:
-        T_base_camera: camera to base; camera axes x right, y down, z forward.
-        camera: its name.
-        wheels: what sets the forward direction, in words.
-        path: of the robot's file.
+    Camera axes are x right, y down, z forward; ``wheels`` says in words what sets the forward direction.
 
     Raises:
         RobotError: it does not, or it is below the floor, above all rooms or far from the robot.
@@ -152,13 +148,7 @@ def require_field_of_view(fovy_deg: float, camera: str, path: Path) -> None:
 
 
 def require_outside(spec: mujoco.MjSpec, camera: str, source: str, path: Path) -> None:
-    """Accept a camera that is not deep inside the robot's body.
-
-    Args:
-        spec: the robot.
-        camera: its name.
-        source: ``file``, or ``mounted`` by the configuration.
-        path: of the robot's file.
+    """Accept a camera, from the ``file`` or ``mounted`` by the configuration, not deep inside the robot's body.
 
     Raises:
         RobotError: a solid geom surrounds it.
@@ -213,7 +203,6 @@ def _no_camera(
     path: Path,
     what: str,
 ) -> str:
-    """Says which cameras there are and where they look."""
     if not cameras:
         others = [model.camera(c).name for c in range(model.ncam) if model.cam_bodyid[c] and _off_duty(model, c)]
         which = f"{', '.join(others)}, which follow something or are orthographic" if others else "none"

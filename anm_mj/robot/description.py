@@ -109,13 +109,10 @@ class RobotDescription:
 def describe_robot(
     path: Path, config: RobotConfig | None = None, camera: CameraConfig | None = None, image_px: int = 256
 ) -> RobotDescription:
-    """Read a robot.
+    """Read a robot from an MJCF file.
 
-    Args:
-        path: an MJCF file.
-        config: how to read it where the file leaves that open.
-        camera: what differs from its camera.
-        image_px: width and height of its image where ``camera`` does not say [px].
+    ``config`` says how where the file leaves that open, ``camera`` what differs from its camera, and ``image_px`` the
+    width and height of its image where ``camera`` does not [px].
 
     Raises:
         RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
@@ -263,7 +260,6 @@ def _find_base(
 
 
 def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
-    """The wheels of each side as one; none for a holonomic base."""
     if not base.wheels:
         return ()
     return tuple(

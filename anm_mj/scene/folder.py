@@ -127,17 +127,12 @@ def default_steps(rooms: int | None) -> int:
 
 
 def _known_scenes() -> dict[str, Path]:
-    """Folders of all scenes that have a name, independent of the current folder.
-
-    Of scenes with the same folder name, the user's scenes folder comes first, then the builtin scenes, then scenes
-    imported elsewhere.
-    """
+    """Folders of all named scenes, wherever the program runs: the user's hide builtin ones, these imported ones."""
     folders = [*remembered_folders(), *(folder for root in _scene_roots() for folder in _scene_folders(root))]
     return {folder.name: folder for folder in folders}
 
 
 def _scene_roots() -> list[Path]:
-    """Folders whose subfolders are scenes: the builtin ones, then the user's."""
     return [data_folder("scenes"), _user_root()]
 
 

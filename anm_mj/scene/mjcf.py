@@ -99,7 +99,6 @@ def scene_mjcf(
 
 
 def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index: int) -> ET.Element:
-    """The body of a movable object, without what is drawn of it."""
     name = f"movable_{index}"
     body = ET.SubElement(world, "body", {"name": name} | _pose(movable.T_world_object))
     ET.SubElement(body, "freejoint", name=name)
@@ -126,7 +125,6 @@ def _pose(T: Float[np.ndarray, "4 4"]) -> dict[str, str]:
 
 
 def _exact(values: Float[np.ndarray, " n"]) -> str:
-    """Numbers of MJCF with nine digits."""
     return " ".join(f"{float(value):.9g}" for value in values)
 
 

@@ -61,12 +61,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str]) -> None:
-    """Write a safetensors file, from the memory that the arrays lie in.
-
-    Args:
-        path: the file.
-        arrays: what it holds, by name, in C order.
-        said: texts of its header.
+    """Write a safetensors file of arrays in C order, from the memory that they lie in, and the texts of its header.
 
     Raises:
         OSError: it cannot be written.

@@ -97,7 +97,6 @@ class Building:
     """The windows, or None to put some into the outer walls."""
 
     def __post_init__(self) -> None:
-        """Check the rooms."""
         if not self.rooms:
             raise SceneError("A building needs at least one room: the plan holds none.")
         if len({room.name for room in self.rooms}) < len(self.rooms):
@@ -146,8 +145,6 @@ def _wall(left: Float64[np.ndarray, "2"], right: Float64[np.ndarray, "2"]) -> Wa
 
 
 class _Edges:
-    """The edges of polygons."""
-
     def __init__(self, polygons: list[shapely.Polygon]) -> None:
         left, right, owner = [], [], []
         for index, polygon in enumerate(polygons):

@@ -32,13 +32,7 @@ class BuildingMap:
 
 
 def generated_map(rooms: int, seed: int, kind: BuildingKind = "apartment", furniture: bool = True) -> BuildingMap:
-    """The map of the very building that ``generate_scene`` makes of the same arguments, at 5 cm.
-
-    Args:
-        rooms: Number of rooms; 1 to 60.
-        seed: Which of the buildings of this size; 0 or more.
-        kind: "apartment" or "office".
-        furniture: False for empty rooms.
+    """The map of the building that ``generate_scene`` makes of the same arguments, at 5 cm; with or without furniture.
 
     Raises:
         SceneError: if an argument is out of its range.

@@ -79,8 +79,6 @@ def _check_stl(src: Path, size: int) -> None:
 
 
 class _PlyElement(NamedTuple):
-    """An element in the header of a PLY file."""
-
     name: str
     stated: int | None
     """Stated number of rows; None where it is no number."""

@@ -71,7 +71,6 @@ class _Includes:
                 self.expand(child, inner, folder, depth + 1)
 
     def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
-        """Replace an <include> by its model, under the name and pose that the <include> gives."""
         at = list(parent).index(include)
         parent.remove(include)
         uri = (include.findtext("uri") or "").strip()
