@@ -3,10 +3,10 @@
 python scripts/check_sequences.py
 python scripts/check_sequences.py --scenes office room --seed 1 --faulty 200 --sound 100
 
-Each of the faulty recordings has one fault, of a kind and size drawn by the seed, from hardly to grossly wrong. A fault
+Each of the faulty recordings has one fault, of a kind and size drawn by the seed, from hardly to grossly wrong. It
 counts where it moves the points of one frame by more than 1 % of their depth in the frames beside it, in the mean: 2 cm
-at 2 m, about what a depth camera errs by itself. A smaller one spoils no map, and is listed apart. Sound recordings have
-the noise of a D435i, an odometry that drifts by 1 %, or somebody who walks before the camera, or all of it.
+at 2 m, about what a depth camera errs by itself. A smaller one is listed apart. Sound recordings have the noise of a
+D435i, an odometry that drifts by 1 %, or somebody who walks before the camera, or all of it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,11 @@ def moved(evidence: Evidence, true: Correction) -> float:
 
 
 def main(
-    scenes: tuple[str, ...] = ("office", "room"), seed: int = 1, faulty_count: int = 200, sound_count: int = 100, verbose: bool = False
+    scenes: tuple[str, ...] = ("office", "room"),
+    seed: int = 1,
+    faulty_count: int = 200,
+    sound_count: int = 100,
+    verbose: bool = False,
 ) -> None:
     """Make recordings, check them and count.
 
@@ -106,7 +110,9 @@ def main(
             detected, named = np.array(counted[kind]).mean(axis=0)
             print(f"{kind:10} {len(counted[kind]):3} faults: detected {detected:6.1%}, rightly named {named:6.1%}")
     every = np.array([one for kind in KINDS for one in counted[kind]])
-    print(f"all        {len(every):3} faults: detected {every[:, 0].mean():.1%}, rightly named {every[:, 1].mean():.1%}")
+    print(
+        f"all        {len(every):3} faults: detected {every[:, 0].mean():.1%}, rightly named {every[:, 1].mean():.1%}"
+    )
     print(f"too small to count: {len(small)}, of which {sum(small)} detected")
     print(f"sound      {sound_count:3}: {alarms} false alarms ({alarms / max(sound_count, 1):.1%})")
     print(f"time per check: median {np.median(took):.2f} s, longest {max(took):.2f} s")
@@ -143,11 +149,17 @@ def _is_named(verdict: Verdict, made: Recording) -> bool:
     times = [(found.time_offset_s, true.time_offset_s), (found.colour_offset_s, true.colour_offset_s)]
     interval_s = made.sequence.frames[1].time_s - made.sequence.frames[0].time_s
     same = same and all(abs(one - other) < max(0.02, 0.4 * interval_s) for one, other in times)
-    factors = [(found.pose_scale, true.pose_scale), (found.depth_scale, true.depth_scale), (found.focal_scale, true.focal_scale)]
+    factors = [
+        (found.pose_scale, true.pose_scale),
+        (found.depth_scale, true.depth_scale),
+        (found.focal_scale, true.focal_scale),
+    ]
     return same and all(abs(np.log(one / other)) < 0.1 for one, other in factors)
 
 
-def _print(number: int, walk: Walk, made: Recording, verdict: Verdict, size: float, detected: bool, named: bool) -> None:
+def _print(
+    number: int, walk: Walk, made: Recording, verdict: Verdict, size: float, detected: bool, named: bool
+) -> None:
     said = "; ".join(f"{finding.kind} {finding.correction.changes()}" for finding in verdict.findings) or "nothing"
     print(
         f"{number:4} {walk.name:14} {made.fault or 'sound':9} {made.size:15} moves {size:7.3f}"

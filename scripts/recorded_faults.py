@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -143,14 +144,18 @@ def _hand_track(steps: list[tuple[float, float, float]], rng: np.random.Generato
     for k, time in enumerate(times):
         x, y, yaw = spline(min(begin + time, length[-1]))
         yaw += sway[3][k]
-        poses.append(
-            _level(x + sway[4][k], y, yaw, 1.35 + sway[0][k], -12.0 + sway[1][k], sway[2][k])
-        )
+        poses.append(_level(x + sway[4][k], y, yaw, 1.35 + sway[0][k], -12.0 + sway[1][k], sway[2][k]))
     return times, np.array(poses)
 
 
 def _rendered(
-    name: str, scene: str, camera: Intrinsics, times: np.ndarray, poses: np.ndarray, track_s: np.ndarray, track: np.ndarray
+    name: str,
+    scene: str,
+    camera: Intrinsics,
+    times: np.ndarray,
+    poses: np.ndarray,
+    track_s: np.ndarray,
+    track: np.ndarray,
 ) -> Walk:
     # MuJoCo must not be imported before its GL back-end is chosen.
     backend = select_backend()
@@ -226,7 +231,7 @@ def _drifted(poses: np.ndarray, share: float, rng: np.random.Generator) -> np.nd
     """Poses of an odometry whose steps are wrong by a share of their size."""
     found = [poses[0]]
     bias = rng.choice((-1.0, 1.0), 2) * share
-    for one, other in zip(poses[:-1], poses[1:], strict=True):
+    for one, other in pairwise(poses):
         step = inverse(one[None])[0] @ other
         turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
         step[:3, :3] = Rotation.from_rotvec(turn * (1.0 + bias[0])).as_matrix()
@@ -329,7 +334,11 @@ def faulty(walk: Walk, rng: np.random.Generator, kind: str, *, sensor: str, drif
         expected, size = Correction(colour_offset_s=-frames * interval), f"{-1000 * frames * interval:.0f} ms"
     elif kind == "up":
         up = str(rng.choice(["y", "-y", "-z"]))
-        turn = {"y": (1, 0, 0, 0, 0, 1, 0, -1, 0), "-y": (1, 0, 0, 0, 0, -1, 0, 1, 0), "-z": (1, 0, 0, 0, -1, 0, 0, 0, -1)}[up]
+        turn = {
+            "y": (1, 0, 0, 0, 0, 1, 0, -1, 0),
+            "-y": (1, 0, 0, 0, 0, -1, 0, 1, 0),
+            "-z": (1, 0, 0, 0, -1, 0, 0, 0, -1),
+        }[up]
         T = np.eye(4)
         T[:3, :3] = np.array(turn, float).reshape(3, 3)
         poses, expected, size = T @ poses, Correction(up=up), up

@@ -138,6 +138,11 @@ class RunFolder:
         return self.path / "topdown.png"
 
     @property
+    def fit_picture(self) -> Path:
+        """Figure of how well the frames of a recorded sequence fit their map."""
+        return self.path / "fit.png"
+
+    @property
     def curve_picture(self) -> Path:
         """Figure of completion over steps."""
         return self.path / "curve.png"

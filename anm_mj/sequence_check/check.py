@@ -1,4 +1,4 @@
-"""Does a recorded sequence fit together, and if not, what would make it fit?
+"""Says whether a recorded sequence fits together, and if not, what would make it fit.
 
 Depth of frame pairs is carried from one camera into the other (:mod:`.misfit`). Where a correction makes the pairs fit
 much better, in many of them and in hardly any worse, it is a finding; the best one is taken first.
@@ -34,8 +34,8 @@ _AGREED, _AGREED_IF_LARGE = 0.8, 0.6
 """And so large a share of what they feel has to be for the better; the second where the gain is large."""
 _LARGE = 2.5
 """A gain is large from so many times the least one on."""
-_ROUNDS = 2
-"""So many faults are looked for, one after the other."""
+_ROUNDS = (1.0, 2.5)
+"""So many faults are looked for, one after the other; each has to gain so many times as much as a single one."""
 _CONTRADICTS = 0.5
 """Where fewer of the points fit, the sequence contradicts itself, whatever the reason."""
 _TOLD = 0.03
@@ -103,14 +103,15 @@ def check(evidence: Evidence, *, depth_unit_m: float, up: str | None = None) -> 
     judge = Judge(evidence)
     correction, findings = Correction(), []
     first = misfit = judge.misfit(correction)
-    for _ in range(_ROUNDS):
-        best = _best_finding(judge, correction, misfit)
+    for strictness in _ROUNDS:
+        best = _best_finding(judge, correction, misfit, strictness)
         if best is None:
             break
         after = judge.misfit(best.correction)
         kind, correction = _named(best, depth_unit_m)
         findings.append(Finding(kind, correction, fit_of(misfit).fitting, fit_of(after).fitting))
         misfit = after
+
     def share(direction: Float64[np.ndarray, "3"]) -> float:
         return floor_share(judge.shown(correction), judge.view_poses(correction), direction)
 
@@ -137,7 +138,7 @@ def fit_of(misfit: Misfit) -> Fit:
     )
 
 
-def _best_finding(judge: Judge, start: Correction, misfit: Misfit) -> Candidate | None:
+def _best_finding(judge: Judge, start: Correction, misfit: Misfit, strictness: float) -> Candidate | None:
     """The correction that explains most, if any explains enough."""
     before = misfit.cost
     found = [(one, _gain(one, before)) for one in candidates(judge, start)]
@@ -146,7 +147,7 @@ def _best_finding(judge: Judge, start: Correction, misfit: Misfit) -> Candidate 
         share = COLOUR_WEIGHT / (1.0 + COLOUR_WEIGHT)
         found.append((colour, _gain(colour, judge.colour_cost(start)) * share))
     base = float(np.nanmean(before))
-    enough = [(one, gain) for one, gain in found if _is_enough(one.kind, gain, base)]
+    enough = [(one, gain) for one, gain in found if _is_enough(one.kind, gain, base, strictness)]
     return max(enough, key=lambda pair: float(np.nanmean(pair[1])), default=(None, None))[0]
 
 
@@ -157,9 +158,9 @@ def _gain(candidate: Candidate, before: Float64[np.ndarray, " d"]) -> Float64[np
     return np.where(known, gain, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
 
 
-def _is_enough(kind: str, gain: Float64[np.ndarray, " p"], base: float) -> bool:
+def _is_enough(kind: str, gain: Float64[np.ndarray, " p"], base: float, strictness: float) -> bool:
     mean = float(np.mean(gain))
-    least = max(_LEAST_GAIN.get(kind, _DISCRETE_GAIN), _LEAST_SHARE * base)
+    least = strictness * max(_LEAST_GAIN.get(kind, _DISCRETE_GAIN), _LEAST_SHARE * base)
     if mean < least:
         return False
     agreed = _AGREED_IF_LARGE if mean > _LARGE * least else _AGREED

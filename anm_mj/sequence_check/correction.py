@@ -14,8 +14,8 @@ from anm_mj.types import Intrinsics
 
 CONVENTIONS = ("camera-to-world", "world-to-camera", "conjugate", "scalar-first", "scalar-first-inverse")
 """What a stated pose is: the camera in the world; the world in the camera; the camera in the world with its rotation
-the other way round (the quaternion conjugated); with a quaternion that was written w x y z and read as x y z w; the last
-one of the world in the camera."""
+the other way round (the quaternion conjugated); with a quaternion that was written w x y z and read as x y z w; the
+same of the world in the camera."""
 OPENCV = "RDF"
 """The camera axes of this project: x right, y down, z forward."""
 AXES_NAMES = {

@@ -90,7 +90,7 @@ class Judge:
         """Poses of all frames' cameras, x right, y down, z forward, in the stated unit."""
         return self._poses(correction.convention, correction.axes)
 
-    def _surfaces(self, focal_scale: float, ray_depth: bool, mirrored: bool) -> Surfaces:  # noqa: FBT001
+    def _surfaces(self, focal_scale: float, ray_depth: bool, mirrored: bool) -> Surfaces:
         camera = corrected_camera(self.evidence.camera, Correction(focal_scale=focal_scale))
         return surfaces(self._views[mirrored], camera, ray_depth=ray_depth)
 

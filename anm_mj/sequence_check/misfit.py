@@ -81,8 +81,8 @@ def misfit(
     surface_z = shown.depth_m[frame, row, col]
     inside = at.inside & np.isfinite(surface_z)
     normal = shown.normal[frame, row, col]
-    ray_x = (col + np.float32(0.5) - np.float32(camera.cx)) / np.float32(camera.fx)
-    ray_y = (row + np.float32(0.5) - np.float32(camera.cy)) / np.float32(camera.fy)
+    ray_x = (col.astype(np.float32) + np.float32(0.5) - np.float32(camera.cx)) / np.float32(camera.fx)
+    ray_y = (row.astype(np.float32) + np.float32(0.5) - np.float32(camera.cy)) / np.float32(camera.fy)
     cosine = normal[..., 0] * ray_x + normal[..., 1] * ray_y + normal[..., 2]
     with np.errstate(invalid="ignore"):
         distance = np.abs((normal * points).sum(axis=-1) - cosine * surface_z)
@@ -157,9 +157,7 @@ def rim_misfit(
     return np.nan_to_num(masked_mean(cost, np.isfinite(shown.rim_m[..., 0])), nan=0.5)
 
 
-def carry(
-    points_m: Float32[np.ndarray, "d n 3"], T_b_a: Float64[np.ndarray, "d 4 4"]
-) -> Float32[np.ndarray, "d n 3"]:
+def carry(points_m: Float32[np.ndarray, "d n 3"], T_b_a: Float64[np.ndarray, "d 4 4"]) -> Float32[np.ndarray, "d n 3"]:
     """Points in other axes, one transform for each row."""
     T = T_b_a.astype(np.float32)
     return points_m @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
@@ -187,7 +185,7 @@ def sampled_grey(
     height, width = grey.shape[1:]
     x, y = np.clip(x - 0.5, 0.0, width - 1.001), np.clip(y - 0.5, 0.0, height - 1.001)
     col, row = x.astype(np.int64), y.astype(np.int64)
-    right, down = x - col, y - row
+    right, down = x - col.astype(np.float32), y - row.astype(np.float32)
     flat, at = grey.reshape(-1), (frame * height + row) * width + col
     upper = flat[at] * (1.0 - right) + flat[at + 1] * right
     lower = flat[at + width] * (1.0 - right) + flat[at + width + 1] * right

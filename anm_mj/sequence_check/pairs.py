@@ -37,7 +37,9 @@ def compared_frames(
         bounds = np.linspace(0, count - longest, _GROUPS + 1)
         groups = [_liveliest(poses, low, high, longest) for low, high in pairwise(bounds)]
         frames = sorted({frame for group in groups for frame in group})
-        links = sorted({(a, b) for first, middle, last in groups for a, b in ((first, middle), (middle, last), (first, last))})
+        links = sorted(
+            {(a, b) for first, middle, last in groups for a, b in ((first, middle), (middle, last), (first, last))}
+        )
         place = {frame: at for at, frame in enumerate(frames)}
         links = [(place[a], place[b]) for a, b in links if a != b]
     both = [pair for a, b in links for pair in ((a, b), (b, a))]

@@ -20,7 +20,7 @@ FOCAL_SCALES = tuple(np.exp(np.arange(-11, 12) * 0.085))
 _OFFSETS = 15
 """Tried for time, to either side."""
 _LONGEST_OFFSET_S = 0.5
-_OFFSET_FRAMES = 3.0
+_OFFSET_FRAMES = 5.5
 """Offsets go as far as the longer of the two: seconds, and so many intervals between frames."""
 _INTERVALS = 15.0
 """But no farther than so many intervals."""
@@ -49,18 +49,20 @@ def candidates(judge: Judge, start: Correction) -> list[Candidate]:
         judge: Knows the frames.
         start: What is corrected already.
     """
-    found = []
-    if not np.nanmedian(judge.misfit(start).fits) > _SURE:
-        discrete = {
+    discrete = {
+        "mirrored": [replace(start, mirrored=not start.mirrored)],
+        "ray": [replace(start, ray_depth=not start.ray_depth)],
+    }
+    fits = judge.misfit(start).fits
+    if not np.isfinite(fits).any() or np.nanmedian(fits) < _SURE:
+        discrete |= {
             "poses": [replace(start, convention=name) for name in CONVENTIONS if name != start.convention],
             "axes": [replace(start, axes=axes) for axes in all_axes() if axes not in (start.axes, "LDF")],
-            "mirrored": [replace(start, mirrored=not start.mirrored)],
-            "ray": [replace(start, ray_depth=not start.ray_depth)],
             "poses and axes": [
                 replace(start, convention=name, axes=axes) for name in CONVENTIONS[1:] for axes in ("RUB", "FLU")
             ],
         }
-        found += [_best(judge, kind, corrections) for kind, corrections in discrete.items()]
+    found = [_best(judge, kind, corrections) for kind, corrections in discrete.items()]
     found.append(_refined(judge, "scale", SCALES, _by_factor(start, "pose_scale")))
     found.append(_refined(judge, "focal", FOCAL_SCALES, _by_factor(start, "focal_scale")))
     if has_clock(judge):

@@ -96,7 +96,14 @@ def reduced_view(index: int, observation: Observation) -> View:
         limit = np.maximum(_BEND * inner, 10.0 * noise)
         inner[~(np.moveaxis(_bends(inverse, axis), axis, 0) < limit)] = np.nan
     return View(
-        index, observation.time_s, clean.astype(np.float32), grey.astype(np.float32), _steep(grey), rim, rim_inverse, noise
+        index,
+        observation.time_s,
+        clean.astype(np.float32),
+        grey.astype(np.float32),
+        _steep(grey),
+        rim,
+        rim_inverse,
+        noise,
     )
 
 
@@ -202,4 +209,3 @@ def _padded(arrays: list[np.ndarray]) -> Float32[np.ndarray, "v n ..."]:
     for at, one in enumerate(arrays):
         out[at, : len(one)] = one
     return out
-

@@ -20,7 +20,7 @@ from PIL import Image
 
 from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
-from anm_mj.io.run_events import Completed, Started
+from anm_mj.io.run_events import Completed, Mapped, Started
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan
 from anm_mj.viz import palette, shapes
@@ -98,6 +98,10 @@ class MeshcatViewer:
             if self._started is not None:
                 completed = _completed(self._started.completed())
                 self.progress(event.step, self._started.num_steps, completed)
+        elif isinstance(event, Mapped):
+            self.show(event.observation, event.mapper, event.plan)
+            if self._started is not None:
+                self.progress(event.observation.step + 1, self._started.num_steps, "")
         elif isinstance(event, Ended):
             self._server.say(
                 "ended", {"ended": f"The run has ended after {event.num_steps} steps: {event.stop_reason}."}
