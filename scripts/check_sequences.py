@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from typing import Any
 
 import numpy as np
 import tyro
@@ -118,7 +119,7 @@ def main(
     print(f"time per check: median {np.median(took):.2f} s, longest {max(took):.2f} s")
 
 
-def _disturbed(rng: np.random.Generator) -> dict[str, object]:
+def _disturbed(rng: np.random.Generator) -> dict[str, Any]:
     return {
         "sensor": "d435i" if rng.random() < 0.8 else "exact",
         "drift": 0.01 if rng.random() < 0.7 else 0.0,

@@ -70,13 +70,13 @@ def frame_fit(observation: Observation, neural_map: NeuralMap) -> FrameFit:
 
 def fit_metrics(fits: Sequence[FrameFit]) -> dict[str, Any]:
     """The figures of all frames for ``metrics.json``."""
-    told = [fit for fit in fits if fit.fitting is not None]
-    residuals = [100.0 * fit.residual_m for fit in told if fit.residual_m is not None]
+    shares = [fit.fitting for fit in fits if fit.fitting is not None]
+    residuals = [100.0 * fit.residual_m for fit in fits if fit.residual_m is not None]
     if not residuals:
         return {"fit_percent": None, "fit_residual_cm": None, "fit_residual_spread_cm": None, "misfits": None}
     low, middle, high = np.percentile(residuals, (25, 50, 75))
     return {
-        "fit_percent": 100.0 * float(np.median([fit.fitting for fit in told])),
+        "fit_percent": 100.0 * float(np.median(shares)),
         "fit_residual_cm": float(middle),
         "fit_residual_spread_cm": float(high - low) / 2.0,
         "misfits": len(misfits(fits)),

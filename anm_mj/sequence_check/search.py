@@ -136,6 +136,7 @@ def _refined(
     grid = [mean_cost(coarse(make(value))) for value in ordered]
     at = int(np.argmin(grid))
     low, high = ordered[max(at - 1, 0)], ordered[min(at + 1, len(ordered) - 1)]
+    best = Candidate(kind, make(ordered[at]), fine(make(ordered[at])))
     for _ in range(_REFINEMENTS):
         between = (np.geomspace(low, high, _BETWEEN) if factor else np.linspace(low, high, _BETWEEN)).tolist()
         costs = [fine(make(value)) for value in between]

@@ -16,7 +16,9 @@ from tests.sequence_check.conftest import CAMERA, frame, pose_at
 
 
 def verdict_of(sequence):
-    return check(gather(sequence), depth_unit_m=sequence.depth_unit_m, up="z")
+    evidence = gather(sequence)
+    assert evidence is not None
+    return check(evidence, depth_unit_m=sequence.depth_unit_m, up="z")
 
 
 def with_poses(sequence, change):
@@ -92,7 +94,11 @@ def test_a_fault_is_named_with_its_value(walk, kind):
     assert found.changes().keys() == expected.changes().keys()
     for name, value in expected.changes().items():
         stated = getattr(found, name)
-        assert stated == value if isinstance(value, str | bool) else stated == pytest.approx(value, abs=0.02, rel=0.03)
+        # Colour comes from the nearest frame, so half an interval is as good as none.
+        within = 0.034 if kind == "colour" else 0.01
+        assert (
+            stated == value if isinstance(value, str | bool) else stated == pytest.approx(value, abs=within, rel=0.03)
+        )
 
 
 def test_fixing_makes_it_fit_and_says_how(walk, caplog):
