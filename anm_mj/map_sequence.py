@@ -89,8 +89,8 @@ def map_sequence(
     policy = _shadow_policy(config, footprint) if shadow else None
     name = config.policy if shadow else RECORDED
     folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
-    folder.write_manifest(manifest(replace(_facts(config, neural_map, name), corrections=corrections), sys.argv))
-    folder.write_config(config)
+    write_json(folder.manifest, manifest(replace(_facts(config, neural_map, name), corrections=corrections), sys.argv))
+    write_json(folder.config, config)
     log = RunLog(folder, config.record)
     cameras = LineWriter(folder.camera_trajectory, None) if tracker is not None else None
     records: list[FrameRecord] = []

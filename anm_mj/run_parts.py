@@ -171,7 +171,7 @@ def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Seq
 
 
 def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
-    """A policy with the look around of a continued run, and with the way back."""
+    """A policy with the look around of a continued run, and with the return to the start."""
     policy = explorer if config.continue_from is None else LookingAround(explorer)
     if not config.return_to_start:
         return policy

@@ -6,6 +6,7 @@ that ``--help`` and a mistyped option answer at once.
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -64,6 +65,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(end.code or 0)
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.log import log_to
+    from anm_mj.utils.files import home_folder
+
+    # matplotlib and others end the program for a user without a home.
+    os.environ.setdefault("HOME", str(home_folder()))
 
     console = PlainConsole(stderr=True)
     log_to(console, verbose=verbose)

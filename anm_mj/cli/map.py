@@ -186,11 +186,7 @@ def map_recorded(
 
 
 def _distortion(words: str) -> LensDistortion | None:
-    """What ``--distortion`` says.
-
-    Raises:
-        ConfigError: it says nothing that can be.
-    """
+    """What ``--distortion`` says; raises ConfigError."""
     from anm_mj.geometry.lens_distortion import LensDistortion
 
     if words == "none":

@@ -17,6 +17,7 @@ from xml.parsers import expat
 
 from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.utils.file_limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
+from anm_mj.utils.files import home_folder
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
@@ -33,7 +34,6 @@ _COPY_COST = 8
 _TEXTURE_COST = 2
 """MuJoCo keeps a picture at its full size, and a second time while it compiles."""
 _MAX_MIB = 256
-"""Largest MJCF file [MiB]."""
 _HEAD_BYTES = 65536
 LEVELS_UP = 3
 """A file may name others as far up as this number of folders above its own, as in ``../../assets``."""
@@ -102,7 +102,7 @@ def top_folder(folder: Path, levels_up: int) -> Path:
 
     Beyond the first, it is never the user's home or above.
     """
-    home = Path.home()
+    home = home_folder()
     top = folder
     for level, above in enumerate(folder.parents[:levels_up]):
         is_shared = above == Path(above.anchor) or (level > 0 and (above == home or above in home.parents))
@@ -171,7 +171,6 @@ class _Counter:
     folders: set[str] = field(default_factory=lambda: {""})
     """Where ``<compiler>`` looks for files."""
     names: set[str] = field(default_factory=set)
-    """Files that elements name."""
     cells: int = 0
     """Pixels and cells so far that MuJoCo takes memory for while it reads."""
     cells_of: dict[Path, int] = field(default_factory=dict)

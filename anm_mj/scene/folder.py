@@ -25,11 +25,11 @@ from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import checked_triangles
 from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
+from anm_mj.utils.files import home_folder
 from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import convert, read_npz, read_toml
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
-"""Entries of a scene folder."""
 INDEX = "imported.txt"
 """File in the user's scenes folder that lists scenes elsewhere, one path per line."""
 
@@ -138,7 +138,7 @@ def _scene_roots() -> list[Path]:
 
 def _user_root() -> Path:
     """The folder of the user's scenes (ANM_MJ_SCENES overrides it)."""
-    data_home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    data_home = os.environ.get("XDG_DATA_HOME") or home_folder() / ".local" / "share"
     return Path(os.environ.get("ANM_MJ_SCENES") or Path(data_home) / "anm_mj" / "scenes").expanduser()
 
 

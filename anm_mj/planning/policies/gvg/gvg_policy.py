@@ -47,7 +47,7 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     Action,
     Candidate,
-    FormerRun,
+    ExploredState,
     Observation,
     Plan,
     Pose2,
@@ -75,10 +75,10 @@ class Gvg:
         self._goal = context.goal
         self._improving = False
         self._errors_read_step = 0
-        self._former = np.zeros((0, 3))
-        """Poses of former runs."""
+        self._prior = np.zeros((0, 3))
+        """Poses of prior runs."""
         self._tried: Float[np.ndarray, "n 4"] | None = None
-        """What the views of a former run left unknown, as :attr:`InformationGain.tried`; None where it does not say."""
+        """What the views of a prior run left unknown, as :attr:`InformationGain.tried`; None where it does not say."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """What views left unknown and failed targets suppressed, and how little the last steps and targets brought."""
@@ -90,13 +90,13 @@ class Gvg:
             "num_poor": np.array(self._tracker.num_poor),
         }
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Expect nothing of views that a former run had already, and go on where it lost its patience."""
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Expect nothing of views that a prior run had already, and go on where it lost its patience."""
         del mapper
-        self._stages.continue_from(former)
-        self._former = former.poses
-        self._tried = remembered(former, "tried", (None, 4))
-        window, num_poor = remembered(former, "window", (None, 2)), remembered(former, "num_poor", ())
+        self._stages.continue_from(prior)
+        self._prior = prior.poses
+        self._tried = remembered(prior, "tried", (None, 4))
+        window, num_poor = remembered(prior, "window", (None, 2)), remembered(prior, "num_poor", ())
         if window is not None:
             self._stagnation.continue_from(window)
         if num_poor is not None:
@@ -112,7 +112,7 @@ class Gvg:
         if self._goal == "reconstruction" and self._can_improve(mapper):
             self._improving = True
         is_first, self._bootstrapped = not self._bootstrapped, True
-        if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
+        if is_first and self.config.bootstrap_turns and not is_known_place(self._prior, observation):
             num_turns = self.config.bootstrap_turns
             if num_turns == AS_MANY_AS_NEEDED:
                 num_turns = FieldOfView.of(observation).turns_for_panorama
@@ -158,7 +158,7 @@ class Gvg:
             self._gain.take_tried(self._tried.astype(float))
             self._tried = None
         elif is_first:
-            for x, y, yaw in self._former:
+            for x, y, yaw in self._prior:
                 self._gain.suppress_view(Pose2(x, y, yaw))
         self._gain.suppress_view(observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))

@@ -149,7 +149,7 @@ class InformationGain:
     ) -> Float[np.ndarray, "n azimuths"]:
         """Expected new surface in each azimuth sector of places [m2], for their squares from the cache where possible.
 
-        With ``fresh``, all gains are computed anew, at exactly these places.
+        With ``fresh``, all gains are recomputed, at exactly these places.
         """
         if self._changed is not None:
             low, high = self._changed
