@@ -61,6 +61,8 @@ class RunFolder:
     """The neural map."""
     topdown_picture = _Member("topdown.png")
     """Figure of the top-down map, graph, regions and trajectory."""
+    fit_picture = _Member("fit.png")
+    """Figure of how well the frames of a recorded sequence fit their map."""
     curve_picture = _Member("curve.png")
     """Figure of completion over steps."""
     ground_truth = _Member("ground_truth.npz")
