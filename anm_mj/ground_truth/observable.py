@@ -38,7 +38,6 @@ PATIENCE_ROUNDS = 128
 FIRST_TREE_ROUND = 8
 """From this round on, all unseen samples are searched about each hit."""
 TREE_ROUNDS = 8
-"""Rounds between two trees of the unseen samples."""
 NUM_NEIGHBOURS = 8
 """Nearest samples whose places of view are tried."""
 SPREADS_M = (0.0, 0.1, 0.3, 1.0)

@@ -34,7 +34,6 @@ _COPY_COST = 8
 _TEXTURE_COST = 2
 """MuJoCo keeps a picture at its full size, and a second time while it compiles."""
 _MAX_MIB = 256
-"""Largest MJCF file [MiB]."""
 _HEAD_BYTES = 65536
 LEVELS_UP = 3
 """A file may name others as far up as this number of folders above its own, as in ``../../assets``."""
@@ -172,7 +171,6 @@ class _Counter:
     folders: set[str] = field(default_factory=lambda: {""})
     """Where ``<compiler>`` looks for files."""
     names: set[str] = field(default_factory=set)
-    """Files that elements name."""
     cells: int = 0
     """Pixels and cells so far that MuJoCo takes memory for while it reads."""
     cells_of: dict[Path, int] = field(default_factory=dict)

@@ -33,7 +33,6 @@ class DriveJoints:
     kind: str
     """``differential``, ``skid steer`` or ``holonomic``."""
     root: str
-    """The robot's top-level body."""
     left: tuple[str, ...] = ()
     """Hinges of the left wheels; of a skid-steered base the front one first."""
     right: tuple[str, ...] = ()

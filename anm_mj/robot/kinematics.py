@@ -156,7 +156,6 @@ class PlanarKinematics(_Kinematics):
 
 
 Kinematics = RobotKinematics | PlanarKinematics
-"""Of any base."""
 
 
 def kinematics_of(robot: RobotDescription) -> Kinematics:

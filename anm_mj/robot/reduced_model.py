@@ -21,7 +21,6 @@ LOOK_AHEAD_M = 0.15
 """Distance of the site ``look_ahead`` in front of the axle [m]."""
 BASE_JOINT = "base"
 WHEEL_JOINTS = ("wheel_left", "wheel_right")
-"""Left, right."""
 CAMERA = "camera"
 """Name of the camera's site, with the axes x right, y down, z forward."""
 PLANAR_JOINTS = ("base_x", "base_y", "base_yaw")

@@ -23,7 +23,6 @@ from anm_mj.utils.read_file import read_bytes
 _logger = logging.getLogger(__name__)
 
 MODELS = data_folder("models")
-"""One folder per builtin robot, and the presets."""
 FOLDERS_VARIABLE = "ANM_MJ_ROBOTS"
 """Environment variable with folders that hold downloaded robots."""
 _MOST_LETTERS = 120

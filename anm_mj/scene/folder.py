@@ -30,7 +30,6 @@ from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import convert, read_npz, read_toml
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
-"""Entries of a scene folder."""
 INDEX = "imported.txt"
 """File in the user's scenes folder that lists scenes elsewhere, one path per line."""
 

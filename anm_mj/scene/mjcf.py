@@ -22,7 +22,6 @@ BOX_TOP_M = 1.5
 """Height of the collision boxes: a little above the slice that they cover [m]."""
 ZNEAR_M = 0.02
 MIN_VERTICES = 4
-"""Fewest vertices of a MuJoCo mesh."""
 _MIN_ZFAR_M = 100.0
 
 

@@ -41,7 +41,6 @@ class Door:
     """Width between the walls, exact to a cell [m]."""
     rooms: tuple[int, int]
     fits: bool
-    """Whether the robot fits."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,6 @@ SIDES = ("from the front", "from its left", "from above")
 _FOVY_DEG = 12.0
 _RED, _BLUE = (0.85, 0.15, 0.1, 0.45), (0.1, 0.35, 0.9, 1.0)
 _NOTHING = (238, 240, 243)
-"""Colour where nothing is; as in the views of scenes."""
 
 
 def robot_views(

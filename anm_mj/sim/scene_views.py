@@ -26,11 +26,9 @@ CUT_M = 2.0
 NOTHING = (238, 240, 243)
 """Colour of the top view where nothing is; walls and floors may be white."""
 _COMPARED_PX = 96
-"""Width and height of the compared images [px]."""
 _SAME_M = 0.02
 """Depths that differ by more belong to different surfaces [m]."""
 _EXACT_M = 0.001
-"""Largest error of an exact depth [m]."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ _MARGIN_PX = 1
 _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
 _TEXELS_TOGETHER = 1 << 19
-"""Texels that are painted at a time."""
 
 _Pairs = Int64[np.ndarray, "n 2"]
 """One number along u and one along v for each quad."""

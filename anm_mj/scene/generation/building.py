@@ -40,7 +40,6 @@ class Passage:
     """The floor of an opening through a wall: each of its ends lies on the edge of a room."""
 
     rooms: tuple[int, int]
-    """Indices of the rooms that it joins."""
     floor: shapely.Polygon
 
     @property
@@ -159,7 +158,6 @@ class _Edges:
         self.left, self.right = np.concatenate(left), np.concatenate(right)
         """Ends as seen from inside the polygon [m]."""
         self.owner = np.concatenate(owner)
-        """Index of the polygon."""
 
     def gaps(self, k: int, first_passage: int) -> list[tuple[float, float, bool]]:
         """Stretches of an edge that run along edges of other polygons, in order and apart; True for passages."""

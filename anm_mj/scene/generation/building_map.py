@@ -25,7 +25,6 @@ class BuildingMap:
     rooms: Int16[np.ndarray, "rows cols"]
     """Index of the room; -1 for walls, passages and the outside, but not for furniture."""
     room_types: tuple[str, ...]
-    """Type of each room."""
     origin_xy_m: Float64[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0] [m]."""
     resolution_m: float

@@ -39,7 +39,6 @@ class RoomSpace:
         """Where nothing stands, so that a piece may have its front there."""
         self._hung: list[tuple[RoomWall, float, float]] = []
         self._main_deg = max(walls, key=lambda wall: wall.wall.length_m).wall.yaw_deg if walls else 0.0
-        """Direction of the longest wall."""
 
     def put(self, piece: Piece) -> Placed | None:
         """Place a piece; None if there is no room for it."""

@@ -16,11 +16,9 @@ from jaxtyping import Float64, Int64
 from anm_mj.scene.generation.quads import Material
 
 Colour = tuple[float, float, float]
-"""sRGB in 0..1."""
 _Places = Float64[np.ndarray, "n 2"]
 """Surface coordinates u, v [m]."""
 _Colours = Float64[np.ndarray, "n 3"]
-"""sRGB in 0..1."""
 _BLUR_M = 0.014
 _Parameters = ParamSpec("_Parameters")
 

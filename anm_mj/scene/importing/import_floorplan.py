@@ -25,10 +25,8 @@ _logger = logging.getLogger(__name__)
 _FARTHEST_M = 1000.0
 """Farther from the origin, a plan is in the coordinates of a survey [m]."""
 _HEIGHT_M = (1.5, 20.0)
-"""Lowest and highest ceiling [m]."""
 _MAX_ROOMS = limit("ANM_MJ_MAX_ROOMS", 300)
 _MAX_FLOOR_M2 = limit("ANM_MJ_MAX_FLOOR_M2", 2_500)
-"""Largest floor of all rooms [m2]."""
 _FORMATS = (
     ("plan-1", is_plan1, read_plan1),
     ("ProcTHOR", is_procthor, read_procthor),

@@ -56,7 +56,6 @@ class _DataSet:
     licence: str
     source_format: str
     variables: tuple[str, ...]
-    """Environment variables with its folder."""
     usual: tuple[str, ...]
     """Folders where it lies by default."""
     files: Callable[[str], list[str]]

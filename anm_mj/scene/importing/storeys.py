@@ -35,7 +35,6 @@ class Storey:
     floor_m: float
     walkable_m2: float
     low_m: float
-    """Lowest height that belongs to it [m]."""
     high_m: float
     """Highest height that belongs to it; infinite for the uppermost storey [m]."""
 

@@ -28,7 +28,6 @@ UNSTABLE = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
-"""What MuJoCo warns of when it resets a simulation."""
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
 SUBSTEP_S = 0.002
@@ -36,7 +35,6 @@ SUBSTEP_S = 0.002
 _SUBSTEPS = 10
 """Physics steps between two commands to the wheels."""
 _MAX_WHEEL_RADPS = 12.0
-"""Highest commanded speed of either wheel [rad/s]."""
 _KEEP_CLEAR_M = 0.005
 """Distance to the obstacle boxes at which the servo stops the robot's body [m]."""
 _SETTLE_S = 0.3

@@ -19,7 +19,6 @@ _MIN_ROOM_CELLS = 40
 _MAX_EXTENT_M = 500.0
 """Larger plans are mostly not in metres [m]."""
 _MAX_CELLS = 8_000_000
-"""Most cells of a grid, which rooms are found in."""
 
 
 @dataclass(frozen=True, eq=False)

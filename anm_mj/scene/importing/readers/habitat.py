@@ -39,7 +39,6 @@ class Dataset:
     """A dataset whose scenes are composed."""
 
     name: str
-    """Name of the format."""
     title: str
     licence: str
     prefix: str

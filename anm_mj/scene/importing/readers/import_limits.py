@@ -17,7 +17,6 @@ from anm_mj.scene.submesh import Submesh
 from anm_mj.utils.file_limits import MAX_TEXTURE_MEGAPIXELS, limit
 
 MAX_MESH_MIB = limit("ANM_MJ_MAX_MESH_MIB", 4096)
-"""Largest mesh file [MiB]."""
 MAX_PARTS = limit("ANM_MJ_MAX_PARTS", 5000)
 """Most meshes, with materials of their own, in one file."""
 MAX_TRIANGLES = limit("ANM_MJ_MAX_TRIANGLES", 6_000_000)

@@ -26,7 +26,6 @@ from anm_mj.utils.read_file import read_bytes
 
 _UNKNOWN_SCRIPT = "Not found: the materials {names}; what is made of them comes out grey."
 _MAX_SCRIPT_MIB = 16
-"""Largest material script [MiB]."""
 _SMALLEST_SCALE = 1e-6
 """Textures that should repeat more often are not scaled."""
 

@@ -36,7 +36,6 @@ from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.submesh import Submesh, transformed
 
 DRAWN_GROUPS = (0, 1, 2)
-"""Geom groups that MuJoCo draws by default."""
 
 _AXES = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}
 _UPRIGHT = 0.1
