@@ -129,7 +129,7 @@ def _poses(path: Path) -> list[Float[np.ndarray, "8"]]:
             "%s: %d of %d lines are no poses (the first at %.9g s) and are left out.",
             path,
             np.count_nonzero(~good),
-            len(good),
+            len(lines),
             lines[np.argmin(good), 0],
         )
     return sorted(lines[good], key=itemgetter(0))
