@@ -28,7 +28,7 @@ class MyMapper:
         self.occupancy.integrate(*image, observation.range_m)
         voxels, edge_m = self.occupancy.voxels, self.occupancy.config.voxel_m
         start = np.array([0, *(before.corner - voxels.corner)[::-1]])
-        self.sums = embed(self.sums, (2, *voxels.state.shape), start, self.at_first)
+        self.sums = self.sums if voxels is before else embed(self.sums, (2, *voxels.state.shape), start, self.at_first)
         end_m = back_project(*image)[:, None]
         ray = end_m - observation.T_world_camera[:3, 3]
         ray /= np.linalg.norm(ray, axis=2, keepdims=True)
