@@ -20,8 +20,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.job import Job
-from anm_mj.bench.sweep import BenchError
 
 EXECUTORS = ("local", "ray")
 _logger = logging.getLogger(__name__)
@@ -154,11 +154,7 @@ def _ray(
 
 
 def _started(start: Callable[[], object]) -> None:
-    """Start or join a cluster, with retries.
-
-    Raises:
-        BenchError: No try succeeded.
-    """
+    """Start or join a cluster; raises BenchError where no try succeeds."""
     import ray
 
     failure: Exception | None = None
