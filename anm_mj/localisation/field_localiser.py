@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,17 +16,20 @@ from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
-from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.depth_noise import inverse_depth_noise
 from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
+
+_logger = logging.getLogger(__name__)
 
 _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
@@ -87,6 +91,11 @@ class FieldLocaliser:
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
+        self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
+        self._points: FramePoints | None = None
+        """Of the last frame."""
+        self._T_odometry_key: Float[np.ndarray, "4 4"] | None = None
+        """The last keyframe's pose by odometry."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
@@ -109,13 +118,13 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+        self._points = points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
         extra = self._extra(points, prior, noise)
-        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
+        found = register_from_several(points, prior, self._align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -129,7 +138,42 @@ class FieldLocaliser:
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
-        return self._map.integrate(estimate.observation, self._effort(estimate))
+        effort = self._effort(estimate)
+        update = self._map.integrate(estimate.observation, effort)
+        if effort.is_keyframe:
+            self._correct(estimate.observation)
+        return update
+
+    def _correct(self, observation: Observation) -> None:
+        """Add a keyframe to the graph, and move what it corrects."""
+        graph = self.config.graph
+        own = len(self._map.field.keyframes) == len(self._graph.poses) + 1
+        # In a map that goes on from a prior run, that map says where everything is.
+        if not own or not (graph.adjust or graph.loops):
+            return
+        noise = self._map.occupancy.by_depth.noise.value
+        T = observation.T_world_camera
+        points = self._points
+        if points is None:
+            rng = np.random.default_rng([self._seed, 22])
+            points = draw_points(observation, self.config.registration.num_points, noise, 8.0, rng)
+        motion = None
+        if self._odometry and self._T_odometry_key is not None and self._T_odometry is not None:
+            certain = np.zeros_like(self._covariance)
+            motion = moved_by_odometry(
+                self._graph.poses[-1], certain, self._basis, self._T_odometry_key, self._T_odometry, self.config.motion
+            )
+        self._T_odometry_key = self._T_odometry
+        correction = self._graph.add(points, T, motion, noise)
+        if correction is None:
+            return
+        self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
+        self._T_world_camera = correction.T_world_camera[-1]
+        if correction.largest_m > graph.rebuild_m:
+            if correction.closed:
+                text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built anew."
+                _logger.info(text, observation.step, 100.0 * correction.largest_m)
+            self._map.rebuild((image.view for image in self._key_images.images), graph.rebuild_iterations)
 
     def _effort(self, estimate: PoseEstimate) -> TrainingEffort:
         """How much to train on a usable frame.
@@ -164,11 +208,12 @@ class FieldLocaliser:
                 self._key_images.equations(image, trusted, T_world_camera, noise_per_m, kernel) for image in images
             ]
             # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
+            weight = self.config.key_images.weight
             return Sums(
-                np.sum([part.hessian for part in parts], axis=0),
-                np.sum([part.gradient for part in parts], axis=0),
-                sum(part.cost for part in parts) / len(parts),
-                sum(part.num_points for part in parts) / len(parts),
+                weight * np.sum([part.hessian for part in parts], axis=0),
+                weight * np.sum([part.gradient for part in parts], axis=0),
+                weight * sum(part.cost for part in parts) / len(parts),
+                weight * sum(part.num_points for part in parts) / len(parts),
             )
 
         return equations
@@ -207,6 +252,14 @@ class FieldLocaliser:
         return moved_at_constant_velocity(
             self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion
         )
+
+    def _align(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
+    ) -> NormalEquations:
+        """A frame against the field, which a noisy sensor has taught."""
+        share = np.float32(1.0 + self.config.registration.field_noise**2)
+        taught = FramePoints(points.camera_m, points.rgb, points.variance_m2 * share, points.trust)
+        return self._map.backend.align(taught, T_world_camera, settings)
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)

@@ -32,6 +32,9 @@ class RegistrationConfig:
     """Width of it at the end."""
     field_deviation_m: float = 0.01
     """Standard deviation of the field's surface [m]."""
+    field_noise: float = setting(0.0, at_least=0.0)
+    """And, of a noisy sensor, so many standard deviations of the pixel's own noise: what the field learns from noisy
+    depth errs together over whole walls."""
     color_deviation: float = setting(0.1, at_least=0.0)
     """Standard deviation of a colour channel in [0, 1]; 0 leaves colours out."""
     color_kernel: float = 2.0
@@ -64,6 +67,8 @@ class KeyImageConfig:
 
     num_images: int = setting(2, at_least=0, at_most=100)
     """So many of them; 0 = the field alone."""
+    weight: float = 1.0
+    """Factor on the information of an image beside that of the field, which the errors of a map have no part in."""
     most_images: int = setting(300, at_least=2, at_most=100_000)
     """So many are kept at most; then one of those that are most alike goes."""
     longest_px: int = setting(160, at_least=16, at_most=4096)
@@ -146,6 +151,49 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True)
+class GraphConfig:
+    """Poses of keyframes that are corrected by what is measured between them."""
+
+    adjust: bool = True
+    """Whether the poses of the latest keyframes are adjusted with each new one (bundle adjustment)."""
+    loops: bool = True
+    """Whether a place that is seen again corrects all keyframes since (loop closure)."""
+    images: int = setting(5, at_least=1, at_most=100)
+    """Earlier keyframes that a new one is registered to."""
+    window: int = setting(30, at_least=1, at_most=100_000)
+    """So many of the latest keyframes are adjusted; a loop adjusts all but the first."""
+    iterations: int = setting(5, at_most=1000)
+    """Steps of Gauss-Newton for a registration."""
+    first_kernel: float = 10.0
+    """Width of the kernel on distances at first, in standard deviations."""
+    kernel: float = 2.5
+    """Width of it at the end."""
+    information: float = 0.1
+    """Share of the sum over the pixels that a registration is believed by, as neighbouring pixels err together."""
+    edge_kernel: float = 3.0
+    """Width of the kernel on the deviation of a registration from the graph, in standard deviations."""
+    least_overlap: float = setting(0.35, at_least=0.0, at_most=1.0)
+    """A keyframe must show at least this share of the points,"""
+    least_fit: float = setting(0.5, at_least=0.0, at_most=1.0)
+    """and they must fit it at least so well, in [0, 1]."""
+    loop_keyframes: int = setting(40, at_least=2, at_most=100_000)
+    """A place is seen again after so many keyframes at least,"""
+    loop_m: float = 0.02
+    """and with a deviation of more than this [m],"""
+    loop_confirmations: int = setting(3, at_least=1, at_most=1000)
+    """which so many keyframes in a row have to say alike,"""
+    loop_chi_square: float = 16.0
+    """and all other measurements must allow, by the squared deviation in standard deviations."""
+    rebuild_m: float = 0.03
+    """A correction by more than this [m] rebuilds the occupancy grid from the keyframes, and trains the field anew,"""
+    rebuild_iterations: int = setting(100, at_least=0, at_most=100_000)
+    """with so many iterations."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.graph", MapError)
+
+
+@dataclass(frozen=True)
 class RelocalisationConfig:
     """How a lost camera is looked for."""
 
@@ -200,4 +248,5 @@ class LocalisationConfig:
     key_images: KeyImageConfig = KeyImageConfig()
     motion: MotionConfig = MotionConfig()
     tracking: TrackingConfig = TrackingConfig()
+    graph: GraphConfig = GraphConfig()
     relocalisation: RelocalisationConfig = RelocalisationConfig()

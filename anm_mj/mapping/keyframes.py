@@ -161,6 +161,11 @@ class KeyframeStore:
         self._start = np.concatenate((np.zeros(1, np.int64), np.cumsum(np.append(keyframes.num_pixels, rest[1]))))
         self._fill(pixels, np.concatenate((keyframes.cameras, rest[2])))
 
+    def move(self, keyframes: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
+        """Give some keyframes other poses; their rays are drawn from there."""
+        self._cameras = self._cameras.copy()
+        self._cameras[keyframes, -12:] = T_world_camera[:, :3].reshape(-1, 12)
+
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels and cameras, for a checkpoint."""
         return self._pixels[: self._start[-1]], self._cameras
