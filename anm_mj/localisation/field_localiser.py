@@ -22,7 +22,7 @@ from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, Tra
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
-from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
+from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
 from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
@@ -95,7 +95,7 @@ class FieldLocaliser:
         self._points: FramePoints | None = None
         """Of the last frame."""
         self._T_odometry_key: Float[np.ndarray, "4 4"] | None = None
-        """The last keyframe's pose by odometry."""
+        """The last keyframe's pose by odometry; None where the way from there is not known."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
@@ -124,7 +124,7 @@ class FieldLocaliser:
         if lost:
             return self._look_for(observation, prior, points)
         extra = self._extra(points, prior, noise)
-        found = register_from_several(points, prior, self._align, self._known, settings, extra)
+        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -208,12 +208,11 @@ class FieldLocaliser:
                 self._key_images.equations(image, trusted, T_world_camera, noise_per_m, kernel) for image in images
             ]
             # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
-            weight = self.config.key_images.weight
             return Sums(
-                weight * np.sum([part.hessian for part in parts], axis=0),
-                weight * np.sum([part.gradient for part in parts], axis=0),
-                weight * sum(part.cost for part in parts) / len(parts),
-                weight * sum(part.num_points for part in parts) / len(parts),
+                np.sum([part.hessian for part in parts], axis=0),
+                np.sum([part.gradient for part in parts], axis=0),
+                sum(part.cost for part in parts) / len(parts),
+                sum(part.num_points for part in parts) / len(parts),
             )
 
         return equations
@@ -235,6 +234,7 @@ class FieldLocaliser:
         found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
         # The jump from where it was believed to be is no motion.
         self._T_last_now = np.eye(4)
+        self._T_odometry_key = None
         return replace(found, relocalised=True)
 
     def _prior(self, observation: Observation) -> Prior:
@@ -252,14 +252,6 @@ class FieldLocaliser:
         return moved_at_constant_velocity(
             self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion
         )
-
-    def _align(
-        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
-    ) -> NormalEquations:
-        """A frame against the field, which a noisy sensor has taught."""
-        share = np.float32(1.0 + self.config.registration.field_noise**2)
-        taught = FramePoints(points.camera_m, points.rgb, points.variance_m2 * share, points.trust)
-        return self._map.backend.align(taught, T_world_camera, settings)
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)

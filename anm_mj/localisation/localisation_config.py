@@ -32,9 +32,6 @@ class RegistrationConfig:
     """Width of it at the end."""
     field_deviation_m: float = 0.01
     """Standard deviation of the field's surface [m]."""
-    field_noise: float = setting(0.0, at_least=0.0)
-    """And, of a noisy sensor, so many standard deviations of the pixel's own noise: what the field learns from noisy
-    depth errs together over whole walls."""
     color_deviation: float = setting(0.1, at_least=0.0)
     """Standard deviation of a colour channel in [0, 1]; 0 leaves colours out."""
     color_kernel: float = 2.0
@@ -67,8 +64,6 @@ class KeyImageConfig:
 
     num_images: int = setting(2, at_least=0, at_most=100)
     """So many of them; 0 = the field alone."""
-    weight: float = 1.0
-    """Factor on the information of an image beside that of the field, which the errors of a map have no part in."""
     most_images: int = setting(300, at_least=2, at_most=100_000)
     """So many are kept at most; then one of those that are most alike goes."""
     longest_px: int = setting(160, at_least=16, at_most=4096)
