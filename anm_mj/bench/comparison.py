@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.curve_figure import draw_curves
 from anm_mj.bench.executor import UNFINISHED, run_jobs
 from anm_mj.bench.job import Job
@@ -23,7 +24,7 @@ from anm_mj.bench.report_page import BADGE, CARD, badge_svg, data_card, headline
 from anm_mj.bench.results_table import tidy_rows, write_csv
 from anm_mj.bench.run_result import Result, by_budget
 from anm_mj.bench.scene_figure import draw_scene
-from anm_mj.bench.sweep import BenchError, read_jobs
+from anm_mj.bench.sweep import read_jobs
 from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.io.manifest import git_revision

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Struct
 
+from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.job import Job
-from anm_mj.bench.sweep import BenchError
 from anm_mj.bench.worker import BOUND
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.metrics import COUNTS, EpisodeStatistics

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from anm_mj.bench.sweep import BenchError
+from anm_mj.bench.bench_error import BenchError
 
 _FOLDER = Path(__file__).parent / "suites"
 

@@ -31,6 +31,8 @@ Those of others are named with where they come from (:mod:`anm_mj.bench.imported
     commit = "0123456789abcdef0123456789abcdef01234567"
     file = "worlds/house.world"
     licence = "MIT"
+
+``suite = "tune"`` makes the scenes of a suite (:mod:`anm_mj.bench.suite`) known by their names.
 """
 
 from __future__ import annotations
@@ -43,10 +45,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.generated_scene import GeneratedScene, area_budget, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.job import CONDITIONS, Job
-from anm_mj.errors import AnmError
+from anm_mj.bench.suite import suite_file
 from anm_mj.evaluation.oracle.tour_measure import MEASURES
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_presets import robot_path
@@ -54,10 +57,6 @@ from anm_mj.scene.folder import Scene, default_steps, load_scene
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml
-
-
-class BenchError(AnmError):
-    """A comparison cannot be made from its file, or its folder cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ class Sweep:
     drive: tuple[str, ...] = (CONDITIONS["drive"],)
     """``kinematic``, ``physics``, or a list of both."""
     pose: tuple[str, ...] = (CONDITIONS["pose"],)
-    """``true``, ``odometry``, or a list of both."""
+    """``true``, ``odometry``, ``slam``, or a list of these."""
     goal: tuple[str, ...] = (CONDITIONS["goal"],)
     """What the runs are for: ``coverage``, ``reconstruction``, ``both`` in this order, or a list of these."""
     views: bool = True
@@ -171,10 +170,10 @@ def _beside(path: Path, name: str) -> str:
 
 
 def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | ImportedScene]]:
-    """The sweeps of a file, and the scenes that it says how to make, by name.
+    """The sweeps of a file, and the scenes that it or the suite it names says how to make, by name.
 
     Raises:
-        BenchError: The file cannot be read, or an entry is not what it should be.
+        BenchError: The file cannot be read, an entry is not what it should be, or there is no such suite.
     """
     try:
         content = read_toml(path)
@@ -182,7 +181,8 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
         raise BenchError(f"There is no file {path}; give a TOML file with scenes and policies.") from err
     except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
-    provided: dict[str, GeneratedScene | ImportedScene] = {}
+    suite = content.pop("suite", None)
+    provided = {} if suite is None else read_sweeps(suite_file(str(suite)))[1]
     for key, kind, needed in (
         ("generated", GeneratedScene, "name, rooms and seed"),
         ("imported", ImportedScene, "name, repository, commit, file and licence"),

@@ -9,6 +9,8 @@ from typing import Any
 from anm_mj.bench.best_known import BEST
 from anm_mj.bench.difference_table import difference_table
 from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
+from anm_mj.bench.localisation_table import COLUMNS as OF_THE_POSE
+from anm_mj.bench.localisation_table import PAIRED, localisation_table
 from anm_mj.bench.markdown_table import Rows, heading, numbers, split_by, table
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK
@@ -43,6 +45,7 @@ OF_ONE_SCENE = (
     ("steps", "steps", 0),
     ("turns", "turns", 0),
     ("hz", "steps/s", 1),
+    *OF_THE_POSE[PAIRED:],
 )
 """Further columns of the tables of one scene."""
 FEWEST = "times_fewest_90"
@@ -125,6 +128,7 @@ def _overall(rows: Rows, by: str) -> list[str]:
         special = [row for row in rows if row["policy"] == policy and row["variant"] != name]
         title, text = f"{name} against its variants", f"{name} minus the variant."
         parts.append(difference_table(plain, special, TASK, title, text, by))
+    parts.append(localisation_table(rows, by))
     return [part for part in parts if part]
 
 

@@ -13,6 +13,11 @@ class Completed(Protocol):
     """How complete a run is."""
 
     @property
+    def step(self) -> int:
+        """The step of the figures."""
+        ...
+
+    @property
     def completion_ratio(self) -> float:
         """Share of all surface that was seen to 5 cm [%]."""
         ...

@@ -97,7 +97,7 @@ class SurfaceErrors:
 
 @dataclass(frozen=True)
 class SurfaceChange:
-    """A piece of surface that is not as a former run had left it."""
+    """A piece of surface that has changed since an earlier run."""
 
     kind: str
     """``gone`` (seen through now) or ``new`` (hit where it was free)."""

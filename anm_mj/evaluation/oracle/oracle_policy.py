@@ -64,7 +64,7 @@ class Oracle:
         if not isinstance(context.truth, SceneTruth):
             raise PlanError("This policy needs the true scene, and the context does not hold it.")
         if context.truth.surface.observable is None:
-            raise PlanError("This policy needs the observable surface; pip install 'anm-mj[embree]' computes it.")
+            raise PlanError("This policy needs the observable surface; pip install embreex computes it.")
         self._scene = context.truth
         self._settings = context.settings
         self._trajectories = read_trajectories(context.settings.warm_start)

@@ -19,16 +19,18 @@ class NoisyOdometry:
 
     A motion is a rotation towards its end, a translation and a rotation to its heading; the variance of each grows with
     both kinds of motion. Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, table 5.6.
+
+    Systematic errors come before that: a wrong radius scales all three, and wheels of unequal radius bend the way.
+    Source: Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, IEEE
+    Transactions on Robotics and Automation 12(6), 1996.
     """
 
     def __init__(self, config: SensorConfig, seed: int) -> None:
-        """Start without a pose.
-
-        Args:
-            config: the sensor, with its ``odometry_alpha``.
-            seed: of the noise.
-        """
-        self._alpha = config.scaled().odometry_alpha
+        scaled = config.scaled()
+        self._alpha = scaled.odometry_alpha
+        self._scale = 1.0 + scaled.odometry_radius_error
+        self._bias_rad_per_m = math.radians(scaled.odometry_yaw_bias_deg_per_m)
+        self._is_exact = not any(self._alpha) and self._scale == 1.0 and self._bias_rad_per_m == 0.0
         self._seed = seed
         self.restart()
 
@@ -40,7 +42,7 @@ class NoisyOdometry:
 
     def read(self, odometry: Pose2) -> Pose2:
         """Where the robot is believed to stand, from the encoders' pose as it is now."""
-        if self._last is None or self._believed is None or not any(self._alpha):
+        if self._last is None or self._believed is None or self._is_exact:
             self._last = self._believed = odometry
             return odometry
         dx, dy = odometry.x_m - self._last.x_m, odometry.y_m - self._last.y_m
@@ -55,6 +57,10 @@ class NoisyOdometry:
         self._last = odometry
         if distance == 0.0 and turned == 0.0:
             return self._believed
+        distance *= self._scale
+        # An arc's chord points half way between the headings at its ends.
+        bend = 0.5 * self._bias_rad_per_m * abs(distance)
+        first, second = self._scale * first + bend, self._scale * second + bend
         a1, a2, a3, a4 = self._alpha
         noise = self._generator.standard_normal(3)
         noisy_first = first + math.sqrt(a1 * first**2 + a2 * distance**2) * noise[0]

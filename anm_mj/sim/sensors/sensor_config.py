@@ -17,8 +17,8 @@ _from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 class SensorConfig:
     """Settings of the camera's depth and colour noise and of the wheel odometry's noise.
 
-    ``noise_scale`` multiplies every standard deviation and every probability of a missing pixel at once; 0 leaves
-    quantization and range.
+    ``noise_scale`` multiplies every standard deviation, every systematic error and every probability of a missing pixel
+    at once; 0 leaves quantization and range.
     """
 
     name: str = "exact"
@@ -64,6 +64,12 @@ class SensorConfig:
     """Noise of wheel odometry: variance of a rotation from rotation [rad^2/rad^2] and from translation [rad^2/m^2], of
     a translation from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox,
     Probabilistic Robotics, 2005, table 5.6."""
+    odometry_radius_error: float = setting(0.0, at_least=-0.5, at_most=1.0)
+    """Systematic error of wheel odometry: it takes the wheels for larger than they are by this share of their radius,
+    so that distances and turns come out too large by it."""
+    odometry_yaw_bias_deg_per_m: float = setting(0.0, at_least=-90.0, at_most=90.0)
+    """Systematic error of wheel odometry: its heading turns to the left by this much with every metre driven [deg/m],
+    as with wheels of unequal radius."""
 
     def __post_init__(self) -> None:
         """Refuse what no sensor does.
@@ -94,25 +100,17 @@ class SensorConfig:
         The angle from which pixels go missing moves from 90 degrees towards the camera's axis with the scale.
         """
         k = self.noise_scale
-        rotation_rotation, rotation_translation, translation_translation, translation_rotation = self.odometry_alpha
+        deviations = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error")
+        deviations += ("color_sigma", "exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
+        scaled = {name: k * getattr(self, name) for name in deviations}
+        scaled |= {name: min(k * getattr(self, name), 1.0) for name in ("edge_missing", "flying_share")}
+        a1, a2, a3, a4 = self.odometry_alpha
         return replace(
             self,
             noise_scale=1.0,
-            lateral_sigma_px=k * self.lateral_sigma_px,
-            edge_missing=min(k * self.edge_missing, 1.0),
             grazing_missing_deg=max(90.0 - k * (90.0 - self.grazing_missing_deg), 0.0),
-            subpixel_sigma_px=k * self.subpixel_sigma_px,
-            tof_sigma_m=k * self.tof_sigma_m,
-            tof_scale_error=k * self.tof_scale_error,
-            flying_share=min(k * self.flying_share, 1.0),
-            color_sigma=k * self.color_sigma,
-            color_gain=k**2 * self.color_gain,
-            exposure_sigma=k * self.exposure_sigma,
             # Variances.
-            odometry_alpha=(
-                k**2 * rotation_rotation,
-                k**2 * rotation_translation,
-                k**2 * translation_translation,
-                k**2 * translation_rotation,
-            ),
+            color_gain=k**2 * self.color_gain,
+            odometry_alpha=(k**2 * a1, k**2 * a2, k**2 * a3, k**2 * a4),
+            **scaled,
         )

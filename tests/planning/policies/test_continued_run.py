@@ -14,7 +14,7 @@ from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import default_settings, make_policy, needs_truth, policies
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown_mapper import TopDownMapper
-from anm_mj.protocols import Continues
+from anm_mj.protocols import Continues, Mapper, Policy
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, FormerRun, OccupancyGrid, Plan, Pose2, StopReason
 from tests.box_room import observe
 from tests.planning.worlds import topdown_map
@@ -45,7 +45,7 @@ def test_what_a_policy_remembers_is_what_it_begins_with(name):
     if not isinstance(first, Continues):
         assert not hasattr(first, "memory")
         return
-    mapper = Mock(occupancy_grid=room_grid)
+    mapper = Mock(Mapper, occupancy_grid=room_grid)
     first.observe(observe(0, Pose2(0.5, 0.5, 0.0)))
     memory = {key: value.copy() for key, value in first.memory().items()}
     second = make_policy(name, PolicyContext(BODY, default_settings(name)))
@@ -110,13 +110,16 @@ def test_a_place_is_known_near_the_former_trajectory():
 
 def test_a_continued_run_looks_around_before_it_ends():
     stop = Plan("nothing left", NOWHERE, stop=StopReason.COMPLETE)
-    policy = LookingAround(Mock(plan=Mock(return_value=stop)))
-    first = policy.plan(Mock(), observe(0, Pose2(1.0, 1.0, 0.0)))
+    policy = LookingAround(Mock(Policy, plan=Mock(return_value=stop)))
+    first = policy.plan(Mock(Mapper), observe(0, Pose2(1.0, 1.0, 0.0)))
     assert set(first.actions) == {Action.TURN_LEFT}
     assert 9 <= len(first.actions) <= 36
-    assert policy.plan(Mock(), observe(len(first.actions), Pose2(1.0, 1.0, 0.0))) is stop
+    assert policy.plan(Mock(Mapper), observe(len(first.actions), Pose2(1.0, 1.0, 0.0))) is stop
     failed = replace(stop, stop=StopReason.POLICY_ERROR)
-    assert LookingAround(Mock(plan=Mock(return_value=failed))).plan(Mock(), observe(0, Pose2(1.0, 1.0, 0.0))) is failed
+    assert (
+        LookingAround(Mock(Policy, plan=Mock(return_value=failed))).plan(Mock(Mapper), observe(0, Pose2(1.0, 1.0, 0.0)))
+        is failed
+    )
 
 
 class Faulty:
@@ -137,7 +140,7 @@ class Faulty:
 def test_a_policy_that_fails_to_take_over_ends_the_run_with_a_sentence():
     policy = GuardedPolicy(Faulty(), "own")
     assert set(policy.memory()) == {"a"}
-    policy.continue_from(FormerRun("own", POSES, REFUSED), Mock())
-    plan = policy.plan(Mock(), observe(0, Pose2(1.0, 1.0, 0.0)))
+    policy.continue_from(FormerRun("own", POSES, REFUSED), Mock(Mapper))
+    plan = policy.plan(Mock(Mapper), observe(0, Pose2(1.0, 1.0, 0.0)))
     assert plan.stop is StopReason.POLICY_ERROR
     assert "continue_from" in plan.reason
