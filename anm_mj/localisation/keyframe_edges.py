@@ -51,17 +51,15 @@ def measured(
     """
     prior = np.linalg.inv(covariance)
     T = np.asarray(T_start, np.float64)
-    for iteration in range(config.iterations + 1):
+    for iteration in range(config.iterations):
         share = min(1.0, iteration / max(1, config.iterations - 2))
         kernel = config.first_kernel * (config.kernel / config.first_kernel) ** share
         sums = images.equations(image, points, T, noise_per_m, kernel)
-        if iteration == config.iterations:
-            break
         offset = basis.T @ camera_motion(T_start, T)
         hessian = config.information * (basis.T @ sums.hessian @ basis) + prior
         slope = config.information * (basis.T @ sums.gradient) + prior @ offset
-        step = basis @ np.linalg.solve(hessian, -slope)
-        T = moved_camera(T, step)
+        T = moved_camera(T, basis @ np.linalg.solve(hessian, -slope))
+    sums = images.equations(image, points, T, noise_per_m, config.kernel)
     # Geman and McClure's cost saturates: what it lacks of the worst is how well the points fit.
-    fit = 1.0 - sums.cost / (sums.num_points * kernel**2) if sums.num_points else 0.0
+    fit = 1.0 - sums.cost / (sums.num_points * config.kernel**2) if sums.num_points else 0.0
     return Measured(T, config.information * sums.hessian, sums.num_points / max(1, len(points)), fit)

@@ -149,9 +149,9 @@ class TrackingConfig:
 class GraphConfig:
     """Poses of keyframes that are corrected by what is measured between them."""
 
-    adjust: bool = True
+    adjust: bool = False
     """Whether the poses of the latest keyframes are adjusted with each new one (bundle adjustment)."""
-    loops: bool = True
+    loops: bool = False
     """Whether a place that is seen again corrects all keyframes since (loop closure)."""
     images: int = setting(5, at_least=1, at_most=100)
     """Earlier keyframes that a new one is registered to."""

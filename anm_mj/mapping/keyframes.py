@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, Shaped
+from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.packed_pixels import PIXEL, pack, ray_batches

@@ -16,7 +16,7 @@ from anm_mj.localisation.se3 import moved_camera
 from anm_mj.types import Observation
 from tests.mapping.ray_room import Room
 
-CONFIG = GraphConfig(adjust=False, loop_keyframes=20)
+CONFIG = GraphConfig(loops=True, loop_keyframes=20)
 TURN = math.radians(12.0)
 COUNT = 34
 """Keyframes of a turn on the spot and a little more."""
