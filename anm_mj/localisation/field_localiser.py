@@ -94,8 +94,8 @@ class FieldLocaliser:
         self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
         self._points: FramePoints | None = None
         """Of the last frame."""
-        self._T_odometry_key: Float[np.ndarray, "4 4"] | None = None
-        """The last keyframe's pose by odometry; None where the way from there is not known."""
+        self._is_chained = False
+        """Whether the motion since the last keyframe is known."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
@@ -157,13 +157,12 @@ class FieldLocaliser:
         if points is None:
             rng = np.random.default_rng([self._seed, 22])
             points = draw_points(observation, self.config.registration.num_points, noise, 8.0, rng)
-        motion = None
-        if self._odometry and self._T_odometry_key is not None and self._T_odometry is not None:
-            certain = np.zeros_like(self._covariance)
-            motion = moved_by_odometry(
-                self._graph.poses[-1], certain, self._basis, self._T_odometry_key, self._T_odometry, self.config.motion
-            )
-        self._T_odometry_key = self._T_odometry
+        # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
+        deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
+        motion = (
+            Prior(T, self._basis.T @ np.diag(deviations**2) @ self._basis, self._basis) if self._is_chained else None
+        )
+        self._is_chained = True
         correction = self._graph.add(points, T, motion, noise)
         if correction is None:
             return
@@ -234,7 +233,7 @@ class FieldLocaliser:
         found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
         # The jump from where it was believed to be is no motion.
         self._T_last_now = np.eye(4)
-        self._T_odometry_key = None
+        self._is_chained = False
         return replace(found, relocalised=True)
 
     def _prior(self, observation: Observation) -> Prior:

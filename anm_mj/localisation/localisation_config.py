@@ -165,6 +165,10 @@ class GraphConfig:
     """Width of it at the end."""
     information: float = 0.1
     """Share of the sum over the pixels that a registration is believed by, as neighbouring pixels err together."""
+    chain_m: float = 0.01
+    """Standard deviation of the estimated displacement from one keyframe to the next, by field and odometry [m],"""
+    chain_rad: float = 0.005
+    """and of the rotation [rad]."""
     edge_kernel: float = 3.0
     """Width of the kernel on the deviation of a registration from the graph, in standard deviations."""
     least_overlap: float = setting(0.35, at_least=0.0, at_most=1.0)
