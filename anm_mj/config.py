@@ -174,11 +174,7 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
 
 
 def _of_type(owner: type, field: str, value: Any, name: str) -> Any:
-    """The value of a setting that a file holds.
-
-    Raises:
-        ConfigError: it is of another type than the setting.
-    """
+    """The value of a setting that a file holds; raises ConfigError for another type than the setting's."""
     try:
         return of_type(owner, field, value)
     except ValueError as err:

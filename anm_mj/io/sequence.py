@@ -25,7 +25,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation, Slerp
 
 from anm_mj.errors import RunFolderError
-from anm_mj.frames import rigid_transform
+from anm_mj.frames import pixel_directions, rigid_transform
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.image import read_image
@@ -90,6 +90,12 @@ class Sequence:
     """Whether the poses of frames mean something; else all are the same."""
     interpolated: tuple[int, ...] = ()
     """Frames whose pose no file states."""
+    depth_scale: float = 1.0
+    """True depth per depth that the files state."""
+    ray_depth: bool = False
+    """Whether the files state distances along the rays instead of planar depth."""
+    mirrored: bool = False
+    """Whether the images are mirrored left to right."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -118,6 +124,12 @@ class Sequence:
             if self.distortion is not None:
                 straight = undistortion(camera, self.distortion)
                 rgb, depth_m = straight.colour(rgb), straight.depth(depth_m)
+            if self.mirrored:
+                rgb, depth_m = np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(depth_m[:, ::-1])
+            if self.ray_depth:
+                depth_m = depth_m / np.linalg.norm(pixel_directions(camera), axis=-1).astype(np.float32)
+            if self.depth_scale != 1.0:
+                depth_m = depth_m * np.float32(self.depth_scale)
             pose = base_pose(frame.T_world_camera)
             yield Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
 

@@ -69,6 +69,9 @@ class SequenceOptions:
     """Whether the poses of the files are not used."""
     distortion: LensDistortion | Literal["files"] | None = "files"
     """Of the lens; None = there is none, ``files`` = as they say."""
+    judge: Callable[[Sequence, str], tuple[Sequence, str]] | None = None
+    """Looks at the sequence as its files state it, and at the axis that is taken to point up, before the floor is
+    looked for; gives both back, put right."""
 
 
 def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
@@ -119,6 +122,8 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
     up = options.up or ("z" if sequence.has_poses else "-y")
+    if options.judge is not None:
+        sequence, up = options.judge(sequence, up)
     sequence = sequence.moved(rigid_transform(UP[up].ravel(), np.zeros(3)))
     floor_m = options.floor_m
     if floor_m is None:

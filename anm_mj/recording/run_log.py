@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -79,6 +79,7 @@ class RunLog:
         true: TrueView | None = None,
         depth_mm: UInt16[np.ndarray, "rows cols"] | None = None,
         estimate: PoseEstimate | None = None,
+        fit: Mapping[str, Any] | None = None,
     ) -> None:
         """Record an observation; the first one comes before any action.
 
@@ -86,6 +87,7 @@ class RunLog:
             observation: What the robot perceived.
             true: What it was truly made of, where that differs.
             estimate: What localisation says of the pose; None where there is none.
+            fit: How well the frame fits the map of those before it, by name; None = that was not looked at.
             depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
         """
         if not self._poses:
@@ -115,6 +117,8 @@ class RunLog:
                 "inliers": estimate.quality.inliers,
                 "bound": estimate.quality.bound,
             }
+        if fit is not None:
+            line["fit"] = fit
         self._frames.json(line)
         self._trajectory.line(tum_line(observation.time_s, observation.pose))
         self._poses.append(observation.pose)

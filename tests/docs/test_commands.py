@@ -340,7 +340,7 @@ def options_are_complete(words, capsys):
     """The synopsis of a command names all its options, and no others."""
     named = set(re.findall(r"--[a-z][a-z-]*", " ".join(words)))
     action = [word for word in words[1:3] if word.islower()]
-    # The first name of each: others are former ones.
+    # The first name of each: others are old ones.
     printed = set(re.findall(r"^  (--[a-z][a-z-]*)", help_of(action, capsys), re.MULTILINE))
     if "PLAN.json" in words:
         assert named <= printed
