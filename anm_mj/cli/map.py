@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from anm_mj.cli.command_line import Fields, Option
 from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
-from anm_mj.errors import ConfigError
+from anm_mj.errors import ConfigError, RunFolderError
 
 if TYPE_CHECKING:
     from anm_mj.geometry.lens_distortion import LensDistortion
@@ -68,13 +68,14 @@ def map_recorded(
 ) -> int:
     """Map a recorded RGB-D sequence, and write a run folder.
 
-    Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, our own, a
-    run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and docs/localisation.md for --track.
+    Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, 7-Scenes,
+    ScanNet's export, our own, a run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and
+    docs/localisation.md for --track.
 
     Args:
         sequence: folder of the sequence, a transforms.json, or a bag
         out: run folder; by default a new one in runs/
-        layout: run, anm-mj, tum, nerfstudio, replica or rosbag; by default recognised by its files
+        layout: run, anm-mj, tum, nerfstudio, replica, 7scenes, scannet or rosbag; by default recognised by its files
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
         distortion: lens distortion in the order of OpenCV, or none; by default as the files say
@@ -182,6 +183,11 @@ def map_recorded(
     if track:
         print_tracking(console, metrics)
     print_folder(console, folder.path)
+    if not folder.mesh.is_file():
+        raise RunFolderError(
+            f"{sequence} shows no surface that the map could hold: check the unit of depth (--depth-unit), the poses "
+            "and the camera."
+        )
     return 0
 
 
