@@ -91,7 +91,7 @@ def test_poses_are_found_without_any(tracked):
     assert metrics["ate_rmse_cm"] < 3.0
     assert metrics["position_rmse_cm"] < 6.0
     assert metrics["final_position_error_cm"] < 10.0
-    assert set(metrics["frame_ms"]) == {"read", "localise", "map"}
+    assert set(metrics["frame_ms"]) == {"read", "localise", "map", "check"}
     frames = read_jsonl(out / "frames.jsonl")
     assert all(frame["localisation"]["state"] == "TRACKING" for frame in frames)
     # The first camera defines the world: it is held level, 1.25 m above the floor.
