@@ -166,9 +166,10 @@ def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> 
     if error is None:
         return None
     found: dict[str, Any] = dataclasses.asdict(error)
-    if run.folder.mesh.is_file():
+    known = [frame for frame in run.frames if not frame.is_lost]
+    if known and run.folder.mesh.is_file():
         vertices, faces = read_mesh(run.folder.mesh)
-        believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in run.frames]) for name in _POSES)
+        believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in known]) for name in _POSES)
         T_true_believed = alignment(believed, true)
         moved = (vertices @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]).astype(vertices.dtype)
         _, observed = mesh_quality(moved, faces, truth, curve.distance_m < COVERED_M)

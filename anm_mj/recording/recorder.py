@@ -107,13 +107,13 @@ class RunRecorder:
     def written_since(self, step: int) -> list[Path]:
         """The logs, and the depth images after a step: what must be on the disk before a checkpoint counts."""
         self.flush()
-        new = range(step + 1, len(self.poses))
+        new = range(step + 1, self.log.num_frames)
         logs = [log.path for log in (*self.log.files, self._curve_file)]
         return [*logs, *(self.folder.depth(each) for each in new)]
 
     @property
     def poses(self) -> list[Pose2]:
-        """Poses of the base so far."""
+        """Poses of the base so far, without those of frames whose pose was not known."""
         self.flush()
         return self.log.poses
 
