@@ -162,9 +162,7 @@ def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> Fi
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     from anm_mj.sim.make_robot import make_robot
 
-    return make_robot(
-        scene, config, knows_start=not config.unknown_start, anticipates=True, forgets_textures=True
-    )
+    return make_robot(scene, config, knows_start=not config.unknown_start, anticipates=True, forgets_textures=True)
 
 
 def _somewhere(config: RunConfig, scene: Scene, robot: SimRobot) -> RunConfig:

@@ -8,6 +8,7 @@ in a row confirm it and no other is nearly as good: a wrong place believed is wo
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ _ASIDE_M = 0.05
 """A place that is farther from another is not the same minimum [m]."""
 _DOUBT_FRAMES = 2
 """Frames of half a score that every hypothesis begins with."""
+_HEIGHT_M = 0.1
+"""Cameras whose heights differ by less share a grid of distances [m]."""
 _FLOOR_M = 0.1
 """World z above which the camera's stand needs free space [m]."""
 
@@ -59,12 +62,13 @@ class Relocaliser:
         """Start without any hypothesis."""
         self.config = config
         self.hypotheses: list[Hypothesis] = []
-        self._grid: DistanceGrid | None = None
+        self._grids: dict[int, DistanceGrid] = {}
+        """By the camera's height, in steps of ``_HEIGHT_M``."""
 
     def restart(self) -> None:
         """Forget all hypotheses, and the map's distances."""
         self.hypotheses = []
-        self._grid = None
+        self._grids = {}
 
     def move(self, T_last_now: Float[np.ndarray, "4 4"]) -> None:
         """Move all hypotheses by a motion in the camera's axes."""
@@ -74,7 +78,7 @@ class Relocaliser:
     def look(
         self,
         points: FramePoints,
-        T_tilt: Float[np.ndarray, "4 4"],
+        tilts: Sequence[Float[np.ndarray, "4 4"]],
         basis: Float[np.ndarray, "6 k"],
         align: Aligner,
         known: Known,
@@ -84,7 +88,7 @@ class Relocaliser:
 
         Args:
             points: Of the frame.
-            T_tilt: A camera pose with its height and tilt.
+            tilts: Camera poses, each with a height and tilt that it may have.
             basis: Directions of motion, as of :class:`~.registration.Prior`.
             align: The field.
             known: Which of its places can be trusted.
@@ -94,16 +98,14 @@ class Relocaliser:
         near = FramePoints(*(field[points.camera_m[:, 2] <= config.range_m] for field in _fields(points)))
         if len(near) < config.search_points:
             return None
-        T_level = level(T_tilt)
-        if self._grid is None:
-            margin = config.range_m * 2.0
-            self._grid = distance_grid(occupancy.grid, float(T_level[2, 3]), _FLOOR_M, margin, config)
         deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
         covariance = basis.T @ np.diag(deviations**2) @ basis
         for hypothesis in self.hypotheses:
             self._register(hypothesis, points, covariance, basis, align, known, occupancy)
-        if len(self.hypotheses) < config.candidates:
-            for value, T in search(near, T_level, self._grid, config):
+        is_free = basis.shape[1] == len(basis)
+        for T_tilt in tilts if len(self.hypotheses) < config.candidates else ():
+            T_level = level(T_tilt)
+            for value, T in search(near, T_level, self._grid(occupancy, float(T_level[2, 3]), is_free), config):
                 if value > config.most_distance_m:
                     break
                 fresh = Hypothesis(T)
@@ -117,6 +119,15 @@ class Relocaliser:
             believed.num_frames, believed.score = 0, 0.0
             return None
         return believed
+
+    def _grid(self, occupancy: DepthOccupancy, height_m: float, is_free: bool) -> DistanceGrid:
+        """The map's distances for cameras at a height; below one that moves freely, there may be anything."""
+        step = round(height_m / _HEIGHT_M)
+        if step not in self._grids:
+            config = self.config.relocalisation
+            floor_m = height_m if is_free else _FLOOR_M
+            self._grids[step] = distance_grid(occupancy.grid, height_m, floor_m, config.range_m * 2.0, config)
+        return self._grids[step]
 
     def _is_local(
         self,

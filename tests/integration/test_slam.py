@@ -134,7 +134,8 @@ def test_a_robot_that_is_not_told_where_it_starts_finds_itself_before_it_goes_on
 
 
 def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_former_map(scene, localised, tmp_path):
-    settings = ["localisation.relocalisation.most_distance_m=1e-9", "mapping.schedule.final_iterations=0"]
+    never = ["frames=1000", "candidates=1", "search_points=10", "headings=4"]
+    settings = [*(f"localisation.relocalisation.{each}" for each in never), "mapping.schedule.final_iterations=0"]
     options = {"continue_from": str(localised[0]), "unknown_start": True, "return_to_start": True}
     metrics = explore(scene, tmp_path / "run", *settings, steps=300, **options)
     assert metrics.stop_reason == StopReason.LOST
