@@ -57,7 +57,7 @@ class Trial:
     """When it was found [m]."""
     error_rad: float
     is_wrong: bool
-    """Whether a frame was to be mapped from a wrong place."""
+    """Whether a wrong place was believed, or a frame was to be mapped from one."""
 
 
 def main(
@@ -151,7 +151,8 @@ def searched(robot: SimRobot, estimates: Iterator[PoseEstimate]) -> Trial:
     for number, estimate in enumerate(estimates):
         apart = relative_pose(robot.pose, estimate.observation.pose)
         error = math.hypot(apart.x_m, apart.y_m), abs(apart.yaw_rad)
-        is_wrong |= estimate.usable and (error[0] > WRONG_M or error[1] > WRONG_RAD)
+        believed = estimate.usable or estimate.relocalised
+        is_wrong |= believed and (error[0] > WRONG_M or error[1] > WRONG_RAD)
         if estimate.relocalised and steps is None:
             steps, first = number, error
         left -= steps is not None

@@ -84,7 +84,7 @@ def read_result(folder: Path, of: Job | None = None) -> Result:
     return Result(job, metrics, revision, curve, folder)
 
 
-def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarray, "n 5"]) -> None:
+def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarray, "n 7"]) -> None:
     """Raises ValueError for metrics that cannot be, or that are not those of the curve and the budget."""
     for name, value in metrics.items():
         if name not in _METRICS or isinstance(value, bool) or not isinstance(value, int | float):
@@ -102,7 +102,7 @@ def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarr
         raise ValueError(f"curve.csv goes to step {curve[-1, 0]:.0f} of a run of {job.steps}")
 
 
-def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:
+def _read_curve(path: Path) -> Float[np.ndarray, "n 7"]:
     """The rows of a curve.
 
     Raises:

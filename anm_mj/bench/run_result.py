@@ -41,8 +41,9 @@ class Result:
     metrics: dict[str, Any]
     revision: str
     """Git revision; ends in ``+`` if the checkout had changes; ``unknown`` where the program was no checkout."""
-    curve: Float[np.ndarray, "n 5"]
-    """Step, completion ratio [%], completion [cm], observable ratio [%] (NaN where unknown), driven distance [m]."""
+    curve: Float[np.ndarray, "n 7"]
+    """Step, completion ratio [%], completion [cm], observable ratio [%] (NaN where unknown), driven distance [m],
+    errors of the believed position [cm] and heading [deg] (NaN where there are none)."""
     folder: Path = Path()
     """Where it lies."""
     budget_by: str = ""
@@ -134,8 +135,7 @@ class Result:
             for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
                 done = convert(line, _Done)
                 log = log.after(Action[done.action], done.collided, done.moved_m, {})
-        last = dict(zip(COLUMNS, curve[-1], strict=True))
-        del last["step"]
+        last = {name: value for name, value in zip(COLUMNS, curve[-1], strict=True) if name in self.metrics}
         metrics = {key: None for key in self.metrics if key != "stage_hz"} | last
         metrics |= {"observable_share": self.metrics.get("observable_share"), "stop_reason": "BUDGET"}
         metrics |= {key: getattr(log, key) for key in COUNTS}

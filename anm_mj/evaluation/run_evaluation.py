@@ -85,7 +85,8 @@ def evaluate_run(
         statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
     curve = CompletionCurve(truth, _covered_before(run.folder, truth))
     for frame in run.frames:
-        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
+        believed = None if frame.is_lost else frame.pose
+        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose, believed)
     known = read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
     summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
     views = {name: value for name, value in known.items() if name in _OF_VIEWS}

@@ -120,6 +120,7 @@ class RunLog:
                 "known": estimate.quality.known,
                 "inliers": estimate.quality.inliers,
                 "bound": estimate.quality.bound,
+                "covariance_xy_m2": [estimate.covariance[0, 0], estimate.covariance[0, 1], estimate.covariance[1, 1]],
             }
         self._frames.json(line)
         self._num_frames += 1
