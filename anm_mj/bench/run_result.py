@@ -135,7 +135,7 @@ class Result:
             for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
                 done = convert(line, _Done)
                 log = log.after(Action[done.action], done.collided, done.moved_m, {})
-        last = {name: value for name, value in zip(COLUMNS, curve[-1], strict=True) if name in self.metrics}
+        last = dict(zip(COLUMNS[1 : PATH + 1], curve[-1, 1 : PATH + 1], strict=True))
         metrics = {key: None for key in self.metrics if key != "stage_hz"} | last
         metrics |= {"observable_share": self.metrics.get("observable_share"), "stop_reason": "BUDGET"}
         metrics |= {key: getattr(log, key) for key in COUNTS}
