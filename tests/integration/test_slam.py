@@ -10,6 +10,7 @@ from anm_mj.config import make_config
 from anm_mj.errors import ConfigError, MapError
 from anm_mj.events import Observed, On, Stepped
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.io.curve_file import read_curve
 from anm_mj.io.explored_file import read_explored
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
@@ -55,6 +56,16 @@ def test_the_map_corrects_what_the_wheels_get_wrong(scene, localised, tmp_path):
     frames = read_jsonl(folder / "frames.jsonl")
     assert all(frame["localisation"]["state"] == "TRACKING" for frame in frames)
     assert len((folder / "trajectory_true.tum").read_text().splitlines()) == len(frames)
+
+
+def test_the_curve_says_how_wrong_the_believed_poses_are(localised):
+    curve, frames = read_curve(localised[0] / "curve.csv"), read_run(localised[0]).frames
+    wrong_cm = [100.0 * np.linalg.norm(frame.pose.xy_m - frame.true_pose.xy_m) for frame in frames]
+    assert np.isnan(curve["position_error_cm"][0])  # The first pose is exact.
+    np.testing.assert_allclose(curve["position_error_cm"][1:], np.array(wrong_cm)[curve["step"].astype(int)[1:]])
+    assert 0.0 < curve["position_error_cm"][-1] < 3.0
+    assert (curve["heading_error_deg"][1:] < 2.0).all()
+    assert all(min(frame.covariance_xy_m2[0], frame.covariance_xy_m2[2]) > 0.0 for frame in frames)
 
 
 def test_a_seed_gives_the_same_run_and_an_interrupted_one_goes_on_to_the_same_end(scene, localised, tmp_path):
