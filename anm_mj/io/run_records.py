@@ -26,10 +26,10 @@ class FrameRecord:
     """True pose of its camera."""
     is_lost: bool = False
     """Whether localisation did not know the pose."""
-    covariance_xy_m2: tuple[float, float, float] | None = None
-    """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
     is_mapped: bool = True
     """Whether the pose was good enough for the map."""
+    covariance_xy_m2: tuple[float, float, float] | None = None
+    """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
 
 
 @dataclass(frozen=True)
