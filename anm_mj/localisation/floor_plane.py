@@ -18,7 +18,7 @@ _LEAST_SHARE = 0.05
 _MOST_BELOW = 0.02
 """Share of the points that may lie below it, at most."""
 _LEAST_COSINE = math.cos(math.radians(60.0))
-"""Between the floor's normal and the image's upper edge, or its axis backwards: no camera is held on its side."""
+"""Between the floor's normal and the image's upper edge. A wall ahead looks like the floor below a steeper camera."""
 _LEAST_POINTS = 50
 
 
@@ -42,7 +42,7 @@ def pose_above_floor(points_m: Float32[np.ndarray, "n 3"], rng: np.random.Genera
     # The camera is above the floor.
     heights = -np.sum(normals * corners[kept, 0], axis=1)
     normals, heights = normals * np.sign(heights)[:, None], np.abs(heights)
-    upright = np.maximum(-normals[:, 1], -normals[:, 2]) > _LEAST_COSINE
+    upright = -normals[:, 1] > _LEAST_COSINE
     normals, heights = normals[upright], heights[upright]
     if not len(heights):
         return None
@@ -56,9 +56,8 @@ def pose_above_floor(points_m: Float32[np.ndarray, "n 3"], rng: np.random.Genera
     centre = floor.mean(axis=0)
     normal = np.linalg.svd(floor - centre, full_matrices=False)[2][2]
     normal = normal if normal @ normals[best] > 0.0 else -normal
-    # World axes in those of the camera; one of them lies in the floor, where the camera looks, or its upper edge.
-    ahead = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.9 else np.array([0.0, -1.0, 0.0])
-    x = ahead - (ahead @ normal) * normal
+    # World axes in those of the camera; x lies in the floor, where the camera looks.
+    x = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
     x /= np.linalg.norm(x)
     rotation = np.stack((x, np.cross(normal, x), normal))
     return rigid_transform(rotation.ravel(), np.array([0.0, 0.0, -float(normal @ centre)]))
