@@ -84,7 +84,7 @@ def test_what_the_map_does_not_show_is_not_found(mapped, tmp_path, capsys):
     ("wrong", "words"),
     [
         ("images", "is not a folder; give that of a recorded sequence"),
-        ("run", "is no run"),
+        ("run", "is not a folder; give the folder that a run wrote"),
         ("out", "choose another folder"),
     ],
 )

@@ -114,7 +114,7 @@ class Relocaliser:
                     self.hypotheses.append(fresh)
         self._prune()
         believed = self._believed()
-        if believed is not None and self._is_local(believed, points, covariance, basis, align, known):
+        if believed is not None and self._is_local(believed, points, covariance, basis, align, known, occupancy):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
             return None
@@ -137,6 +137,7 @@ class Relocaliser:
         basis: Float[np.ndarray, "6 k"],
         align: Aligner,
         known: Known,
+        occupancy: DepthOccupancy,
     ) -> bool:
         """Whether a frame fits better a step aside, where the hypothesis then goes."""
         config = self.config.relocalisation
@@ -149,8 +150,14 @@ class Relocaliser:
                 other = register(points, prior, align, known, settings, start=start)
                 best = min(best, other, key=lambda each: each.cost)
         change = camera_motion(here.T_world_camera, best.T_world_camera)
+        if np.linalg.norm(change[:3]) <= _ASIDE_M:
+            hypothesis.T_world_camera = best.T_world_camera
+            return False
+        # The field alone may fit better where the walls do not: what decides between places decides here too.
+        if self._score(points, best, occupancy) <= self._score(points, here, occupancy):
+            return False
         hypothesis.T_world_camera = best.T_world_camera
-        return bool(np.linalg.norm(change[:3]) > _ASIDE_M)
+        return True
 
     def _register(
         self,
@@ -164,13 +171,17 @@ class Relocaliser:
     ) -> None:
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
         found = register(points, prior, align, known, self.config.relocalisation.registration(self.config.registration))
-        fits = agreement(points, found.T_world_camera, occupancy)
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
+        hypothesis.score += self._score(points, found, occupancy)
+        hypothesis.num_frames += 1
+
+    def _score(self, points: FramePoints, found: Registration, occupancy: DepthOccupancy) -> float:
+        """How well a frame fits where it was registered, in [0, 1]."""
+        fits = agreement(points, found.T_world_camera, occupancy)
         # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
         certain = min(1.0, fits.known / self.config.relocalisation.least_known)
         # Rooms of one shape are told apart by their colours, which light changes.
-        hypothesis.score += certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
-        hypothesis.num_frames += 1
+        return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
 
     def _prune(self) -> None:
         """Keep the best, one of each place."""
