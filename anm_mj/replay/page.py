@@ -64,6 +64,7 @@ def replay_page(
 
 def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
     run = timeline.run
+    legend = (*palette.LEGEND, *palette.TRUTH_LEGEND)
     plans, graphs = _plans(timeline)
     name, coverage = timeline.coverage
     bounds = timeline.xy_m if mesh is None or not len(mesh.vertices_m) else mesh.vertices_m[:, :2]
@@ -96,8 +97,8 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
             "trajectory": shapes.TRAJECTORY_HEIGHT_M,
             "path": shapes.PATH_HEIGHT_M,
         },
-        "colours": {key: palette.number(colour) for key, _, colour in palette.LEGEND},
-        "legend": palette.LEGEND,
+        "colours": {key: palette.number(colour) for key, _, colour in legend},
+        "legend": legend,
         "centre": ((low + high) / 2.0).tolist(),
         "size": float(max(high - low)),
     }

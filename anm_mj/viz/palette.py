@@ -20,14 +20,17 @@ LEGEND = (
     ("robot", "robot", ROBOT),
     ("camera", "camera", CAMERA),
     ("trajectory", "trajectory", TRAJECTORY),
-    ("truth", "true trajectory", TRUE),
-    ("covariance", "2 sigma of the position", PATH),
     ("graph", "Voronoi graph", GRAPH),
     ("regions", "regions of interest", REGION),
     ("path", "planned path", PATH),
     ("target", "target", TARGET),
 )
 """Legend of the pages: name of the object, words, colour."""
+TRUTH_LEGEND = (
+    ("truth", "true trajectory", TRUE),
+    ("covariance", "2 sigma of the position", PATH),
+)
+"""What a replay adds for a robot that may be wrong about where it is."""
 
 
 def number(colour: str) -> int:
