@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.agreement import agreement
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
-from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
 from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
@@ -28,10 +28,21 @@ _ASIDE_M = 0.05
 """A place that is farther from another is not the same minimum [m]."""
 _DOUBT_FRAMES = 2
 """Frames of half a score that every hypothesis begins with."""
+_PAST_FRAMES = 12
+"""So many frames have to fit a place that is believed, also those from before it was proposed."""
 _HEIGHT_M = 0.1
 """Cameras whose heights differ by less share a grid of distances [m]."""
 _FLOOR_M = 0.1
 """World z above which the camera's stand needs free space [m]."""
+
+
+@dataclass
+class _PastFrame:
+    """A frame that a place has to fit that was proposed only later."""
+
+    points: FramePoints
+    T_then_now: Float[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    """The present camera in the axes of that of then."""
 
 
 @dataclass
@@ -62,18 +73,27 @@ class Relocaliser:
         """Start without any hypothesis."""
         self.config = config
         self.hypotheses: list[Hypothesis] = []
+        self._past: list[_PastFrame] = []
+        """The last frames that were looked at, the present one included."""
         self._grids: dict[int, DistanceGrid] = {}
         """By the camera's height, in steps of ``_HEIGHT_M``."""
+
+    @property
+    def _settings(self) -> RegistrationConfig:
+        return self.config.relocalisation.registration(self.config.registration)
 
     def restart(self) -> None:
         """Forget all hypotheses, and the map's distances."""
         self.hypotheses = []
+        self._past = []
         self._grids = {}
 
     def move(self, T_last_now: Float[np.ndarray, "4 4"]) -> None:
         """Move all hypotheses by a motion in the camera's axes."""
         for hypothesis in self.hypotheses:
             hypothesis.T_world_camera = hypothesis.T_world_camera @ T_last_now
+        for past in self._past:
+            past.T_then_now = past.T_then_now @ T_last_now
 
     def look(
         self,
@@ -95,7 +115,7 @@ class Relocaliser:
             occupancy: What is free and occupied.
         """
         config = self.config.relocalisation
-        near = FramePoints(*(field[points.camera_m[:, 2] <= config.range_m] for field in _fields(points)))
+        near = FramePoints(*(each[points.camera_m[:, 2] <= config.range_m] for each in _fields(points)))
         if len(near) < config.search_points:
             return None
         deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
@@ -113,7 +133,19 @@ class Relocaliser:
                 if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
                     self.hypotheses.append(fresh)
         self._prune()
+        self._past = [*self._past, _PastFrame(points)][-_PAST_FRAMES:]
         believed = self._believed()
+        # Without odometry nobody knows where a camera in the hand was before.
+        while believed is not None and not is_free:
+            missed = self._past[: -believed.num_frames]
+            if not missed:
+                break
+            for past in missed:
+                prior = Prior(believed.T_world_camera @ np.linalg.inv(past.T_then_now), covariance, basis)
+                found = register(past.points, prior, align, known, self._settings)
+                believed.score += self._score(past.points, found, occupancy)
+            believed.num_frames += len(missed)
+            believed = self._believed()
         if believed is not None and self._is_local(believed, points, covariance, basis, align, known, occupancy):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
@@ -140,8 +172,7 @@ class Relocaliser:
         occupancy: DepthOccupancy,
     ) -> bool:
         """Whether a frame fits better a step aside, where the hypothesis then goes."""
-        config = self.config.relocalisation
-        settings = config.registration(self.config.registration)
+        config, settings = self.config.relocalisation, self._settings
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
         here = best = register(points, prior, align, known, settings)
         for axis in range(2):
@@ -170,7 +201,7 @@ class Relocaliser:
         occupancy: DepthOccupancy,
     ) -> None:
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
-        found = register(points, prior, align, known, self.config.relocalisation.registration(self.config.registration))
+        found = register(points, prior, align, known, self._settings)
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
         hypothesis.score += self._score(points, found, occupancy)
         hypothesis.num_frames += 1
