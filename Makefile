@@ -1,45 +1,54 @@
 # Every target sets up what it needs by itself, once (scripts/setup.sh); `make` alone lists them.
-PYTHON := .venv/bin/python
+python := .venv/bin/python
+# make test PYTHON=3.13 sets up and tests with that Python.
+PYTHON ?=
+export ANM_MJ_PYTHON := $(if $(PYTHON),python$(PYTHON),$(ANM_MJ_PYTHON))
 JOBS ?= 2
 SCENE ?= home
 STEPS ?= 500
 SEED ?= 0
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-all test-bench check lint format types lock setup clean
+.PHONY: help demo docs test test-all test-pythons test-bench check lint format types lock setup clean
 
 help: ## List the targets.
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: setup ## Explore a furnished house and show the result (SCENE=home STEPS=500 SEED=0).
 	@.venv/bin/anm-mj explore $(SCENE) --steps $(STEPS) --seed $(SEED)
 
 test: lint types ## Check style and types, run the tests (JOBS=2); minutes.
-	@$(PYTHON) -m pytest -n $(JOBS) -m "not slow"
+	@$(python) -m pytest -n $(JOBS) -m "not slow"
 
 test-all: lint types ## The same with the slow tests.
-	@$(PYTHON) -m pytest -n $(JOBS)
+	@$(python) -m pytest -n $(JOBS)
+
+test-pythons: ## Test with every Python that is supported, each in a clone of its own; half an hour.
+	@for version in 3.11 3.12 3.13; do \
+		rm -rf build/python$$version && git clone -q . build/python$$version && \
+		$(MAKE) -C build/python$$version test PYTHON=$$version || exit 1; \
+	done
 
 test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
-	@$(PYTHON) -m pytest -m slow -k real_runs_resume tests/bench
+	@$(python) -m pytest -m slow -k real_runs_resume tests/bench
 
 docs: setup ## Build the site of the documentation in build/site.
-	@$(PYTHON) -m sphinx -q -W --keep-going -d build/doctrees docs build/site
+	@$(python) -m sphinx -q -W --keep-going -d build/doctrees docs build/site
 	@echo "open build/site/index.html"
 
 lint: setup ## Check style and format.
-	@$(PYTHON) -m ruff check --quiet
-	@$(PYTHON) -m ruff format --check --quiet
+	@$(python) -m ruff check --quiet
+	@$(python) -m ruff format --check --quiet
 
 types: setup ## Check types.
-	@$(PYTHON) -m pyright
+	@$(python) -m pyright
 
 format: setup ## Put the code into the project's format.
-	@$(PYTHON) -m ruff check --fix --quiet
-	@$(PYTHON) -m ruff format --quiet
+	@$(python) -m ruff check --fix --quiet
+	@$(python) -m ruff format --quiet
 
 lock: setup ## Pin the newest versions that pyproject.toml allows.
-	@$(PYTHON) -m uv pip compile pyproject.toml --upgrade --all-extras --universal --python-version 3.11 \
+	@$(python) -m uv pip compile pyproject.toml --upgrade --all-extras --universal --python-version 3.11 \
 		--no-emit-index-url --no-header --quiet --generate-hashes --output-file requirements.txt
 
 setup: ## Set up what is missing: graphics libraries, virtual environment, pinned packages.

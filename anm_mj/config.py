@@ -73,7 +73,7 @@ class RunConfig(SimulationConfig):
     """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =
     with nothing."""
     unknown_start: bool = False
-    """With ``continue_from`` and ``pose = slam``: the robot is not told where it starts, and finds itself in the former
+    """With ``continue_from`` and ``pose = slam``: the robot is not told where it starts, and finds itself in the prior
     map first. Without ``start`` it stands at a place drawn from the seed."""
     return_to_start: bool = False
     """Drive back to the start before the run ends, in time for the budget."""
@@ -183,11 +183,7 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
 
 
 def _of_type(owner: type, field: str, value: Any, name: str) -> Any:
-    """The value of a setting that a file holds.
-
-    Raises:
-        ConfigError: it is of another type than the setting.
-    """
+    """The value of a setting that a file holds; raises ConfigError for another type than the setting's."""
     try:
         return of_type(owner, field, value)
     except ValueError as err:

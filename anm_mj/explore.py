@@ -45,7 +45,7 @@ def explore(
         num_steps: budget of discrete actions; turns and collisions count.
         localiser: estimates the pose of every observation; None = poses are taken as they come.
         observers: hear every event in this order; any of them may end the run.
-        state: where a former call stood, to go on from there with the robot, mapper and policy of then; None = at the
+        state: where an earlier call stood, to go on from there with the robot, mapper and policy of then; None = at the
             start. It is kept up to date.
 
     Raises:

@@ -66,7 +66,7 @@ def learn(
 ) -> MapUpdate | None:
     """Take a frame into the map, and tell the policy; None where the map cannot be trained any further.
 
-    A policy hears of no frame of a robot that is lost.
+    A policy hears of no frame whose pose is not good enough for the map: it would count as seen what is not.
     """
     try:
         with watch.stage("map"):
@@ -74,7 +74,7 @@ def learn(
     except MapError as err:
         _logger.error("%s The run ends.", err)
         return None
-    if estimate is None or estimate.state is TrackingState.TRACKING:
+    if estimate is None or estimate.usable:
         with watch.stage("plan"):
             policy.observe(observation)
     return update

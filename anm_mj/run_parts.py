@@ -25,6 +25,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class
+from anm_mj.planning.policies.return_to_certainty import ReturnToCertainty
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
@@ -186,8 +187,10 @@ def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Seq
 
 
 def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
-    """A policy with the look around of a continued run, and with the way back."""
+    """A policy with the look around of a continued run, and with the returns to certainty and to the start."""
     policy = explorer if config.continue_from is None else LookingAround(explorer)
+    if config.pose == "slam" and config.planning.uncertainty_aware:
+        policy = ReturnToCertainty(policy, config.planning)
     if not config.return_to_start:
         return policy
     assert config.steps is not None

@@ -25,7 +25,6 @@ from rich.console import Console
 from rich.table import Table
 
 from anm_mj.frames import move_pose
-from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene, load_scene, read_scene_folder
 from anm_mj.scene.mjcf import read_msh
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
@@ -97,6 +96,7 @@ def measure(scene: Scene, steps: int) -> list[Row]:
     import mujoco
 
     from anm_mj.scene.build import build_spec
+    from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
     from anm_mj.utils.raycast import embree_installed

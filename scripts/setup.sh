@@ -28,10 +28,12 @@ state() {
     } | sha256sum | cut -d ' ' -f 1
 }
 
-# Prints the newest Python on the path, 3.11 or newer, that can import the modules given; ANM_MJ_PYTHON names another.
+# Prints the newest Python on the path, 3.11 or newer, that can import the modules given; ANM_MJ_PYTHON names another,
+# which pyenv may have though it is not on the path.
 find_python() {
     local name
-    for name in ${ANM_MJ_PYTHON:-python3.14 python3.13 python3.12 python3.11 python3}; do
+    for name in ${ANM_MJ_PYTHON:-python3.14 python3.13 python3.12 python3.11 python3} \
+        ${ANM_MJ_PYTHON:+"${PYENV_ROOT:-${HOME:-}/.pyenv}"/versions/"${ANM_MJ_PYTHON#python}"*/bin/python}; do
         if "$name" -c "import sys$1; sys.exit(sys.version_info < (3, 11))" 2>/dev/null; then echo "$name"; return; fi
     done
     return 1
@@ -55,11 +57,18 @@ apt_install() {
     apt_get update && apt_get install --yes --no-install-recommends "$@"
 }
 
+# Whether the environment has the Python that ANM_MJ_PYTHON names.
+is_wanted() {
+    local wanted
+    [ -n "${ANM_MJ_PYTHON:-}" ] && wanted=$(find_python "") || return 0
+    [ "$("$wanted" -c 'import sys; print(sys.version_info[:2])')" = "$("$python" -c 'import sys; print(sys.version_info[:2])')" ]
+}
+
 make_venv() {
     local base version
     base=$(find_python ", ensurepip, venv") || {
         base=$(find_python "") ||
-            fail "$(python3 --version 2>/dev/null || echo "no Python") found, but 3.11 or newer is needed; install that and call again."
+            fail "${ANM_MJ_PYTHON:-Python 3.11 or newer} is needed, but $(python3 --version 2>/dev/null || echo "no Python") was found; install that and call again."
         # Debian and Ubuntu ship Python without what makes a virtual environment.
         version=$("$base" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
         apt_install "python$version-venv" && base=$(find_python ", ensurepip, venv") ||
@@ -178,8 +187,8 @@ prepare_graphics() {
     say "pictures are made with $backend"
 }
 
-if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(state)" ] && "$python" -c '' 2>/dev/null; then exit 0; fi
-"$python" -c 'import pip' 2>/dev/null || make_venv
+if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(state)" ] && "$python" -c '' 2>/dev/null && is_wanted; then exit 0; fi
+{ "$python" -c 'import pip' 2>/dev/null && is_wanted; } || make_venv
 : >"$log"
 apt_log=$log
 SECONDS=0

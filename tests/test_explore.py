@@ -130,7 +130,7 @@ def test_a_policy_is_told_of_obstacles_and_a_robot_that_never_gets_on_is_stuck()
     assert sum(result.collided for _, result, *_ in recorder.steps) == STUCK_COLLISIONS
 
 
-def test_an_obstacle_that_shows_up_on_the_way_makes_the_policy_decide_anew():
+def test_an_obstacle_that_shows_up_on_the_way_makes_the_policy_decide_again():
     world = seen_room()
     world.occupancy.state[:, 20:40, 44:46] = OCCUPIED
     turn = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))

@@ -34,7 +34,7 @@ FLOORS = {
         ("checkpoint", "io"),
         ("viz",),
         ("evaluation",),
-        ("recording", "replay"),
+        ("recording", "replay", "sequence_check"),
         ("config", "export"),
         ("prior_run",),
         ("run_parts",),

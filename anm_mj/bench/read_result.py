@@ -103,12 +103,7 @@ def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarr
 
 
 def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:
-    """The rows of a curve.
-
-    Raises:
-        RunFolderError: It cannot be read, or holds no curve.
-        ValueError: It says nothing of the completion.
-    """
+    """The rows of a curve; raises ValueError where they say nothing of the completion."""
     columns = read_curve(path)
     if np.isnan(columns["completion_ratio"]).all():
         raise ValueError(f"{path.name} has no rows with a completion ratio")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,12 @@ class PlainConsole(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         """What is printed for a text, alone or in a cell of a table."""
         return super().render_str(printable(text), **options)
+
+    def on_broken_pipe(self) -> None:
+        """Be silent from now on: whoever read the output has enough, and the command goes on to its end."""
+        self.quiet = True
+        # What Python flushes at its end goes there too.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
 
     def say(self, *lines: str, style: str | None = None) -> None:
         """Print lines as long as they are, so that they can be copied and stored."""

@@ -100,7 +100,8 @@ def check_torch() -> list[Check]:
     """Torch and its GPU."""
     done = run_python(TORCH_PROGRAM)
     if done.returncode != 0:
-        return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or reinstall torch by pip.")]
+        advice = "Only the engines torch and mlp need it: pip install 'anm-mj[torch]'."
+        return [Check("torch", State.NOTE, _last_line(done.stderr), advice)]
     version, num_threads, gpu, memory_gib = json.loads(done.stdout)
     torch = Check("torch", State.GOOD, f"{version}, {num_threads} threads")
     if gpu:
@@ -139,7 +140,7 @@ def _graphics(backends: list[Check]) -> list[Check]:
         if embree_installed():
             return [*backends, Check("pictures by", State.NOTE, "Embree's rays, without GL", advice)]
         found = "MuJoCo's rays, tenths of a second each, one colour per mesh"
-        return [*backends, Check("pictures by", State.NOTE, found, f"{advice} Or pip install 'anm-mj[embree]'.")]
+        return [*backends, Check("pictures by", State.NOTE, found, f"{advice} Or pip install embreex.")]
     # llvmpipe and softpipe are Mesa's renderers for machines without a GPU.
     software = "pipe" in chosen.renderer_string
     kind = "software, fast enough for 256 x 256 pixels" if software else "hardware"
@@ -153,7 +154,7 @@ def check_ffmpeg() -> Check:
 
         return Check("ffmpeg", State.GOOD, imageio_ffmpeg.get_ffmpeg_version())
     except (ImportError, RuntimeError, OSError) as err:
-        return Check("ffmpeg", State.NOTE, f"not found ({err})", "Videos need it: pip install imageio-ffmpeg.")
+        return Check("ffmpeg", State.NOTE, f"not found ({err})", "Videos need it: pip install 'anm-mj[video]'.")
 
 
 def check_port() -> Check:

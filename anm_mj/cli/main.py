@@ -6,6 +6,7 @@ that ``--help`` and a mistyped option answer at once.
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from anm_mj.cli.scene_check import scene_check
 from anm_mj.cli.version import version
 from anm_mj.cli.view import view
 from anm_mj.errors import AnmError
+from anm_mj.utils.extras import missing_package
 
 INTERRUPTED = 130
 """Exit status of a program that a second Ctrl-C has ended, by custom 128 + SIGINT."""
@@ -65,6 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(end.code or 0)
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.log import log_to
+    from anm_mj.utils.files import home_folder
+
+    # matplotlib and others end the program for a user without a home.
+    os.environ.setdefault("HOME", str(home_folder()))
 
     console = PlainConsole(stderr=True)
     log_to(console, verbose=verbose)
@@ -85,9 +91,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             "programs."
         )
     except Exception as err:
-        if verbose:
+        missing = missing_package(err) if isinstance(err, ModuleNotFoundError) else None
+        if verbose and missing is None:
             raise
-        sentence = _unforeseen(err)
+        sentence = missing or _unforeseen(err)
     # What a library says within the sentence may come in several lines.
     console.print(f"{PROGRAM}: {' '.join(sentence.split())}", style="red", highlight=False, soft_wrap=True)
     return USAGE_ERROR

@@ -82,12 +82,7 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
     """Limits the body's speed towards obstacles, so that it stops at a distance from them."""
 
     def __init__(self, model: mujoco.MjModel, num_obstacles: int, *, min_distance_m: float):
-        """Pair the body with every obstacle.
-
-        Args:
-            model: mink's, with :func:`add_obstacles`.
-            num_obstacles: number of obstacles in it.
-            min_distance_m: distance at which the body stops [m].
+        """Pair the body with every obstacle of mink's model (:func:`add_obstacles`), to stop at ``min_distance_m`` [m].
 
         Raises:
             RobotError: if mink has dropped a pair.
@@ -141,7 +136,6 @@ def require_all_pairs(pairs: list[tuple[int, int]], body: int, obstacles: list[i
 
 
 def _bounding_rectangles(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
-    """x_min, y_min, x_max, y_max of static geoms [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     directions = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -49,14 +49,7 @@ class LookAt:
     def __init__(
         self, description: RobotDescription, kinematics: RobotKinematics, limits: MotionLimits, *, period_s: float
     ) -> None:
-        """Set the problem up.
-
-        Args:
-            description: the robot.
-            kinematics: of the robot.
-            limits: turn rate and angular acceleration.
-            period_s: time between two poses [s].
-        """
+        """Set the problem up; ``period_s`` is the time between two poses [s]."""
         model = mujoco.MjModel.from_xml_string(description.reduced_mjcf)
         self._model, self._limits, self._period_s = model, limits, period_s
         self._kinematics: Kinematics = kinematics
@@ -73,12 +66,7 @@ class LookAt:
         self._turn_radps = 0.0
 
     def next_pose(self, pose: Pose2, point_m: Float[np.ndarray, "3"]) -> Pose2 | None:
-        """Pose of the base one period later; None once the camera faces the point.
-
-        Args:
-            pose: present pose of the base.
-            point_m: target in the world [m].
-        """
+        """Pose of the base one period after a pose; None once the camera faces the point of the world [m]."""
         error_rad = self.error_rad(pose, point_m)
         if abs(error_rad) < _ALIGNED_RAD:
             return None
@@ -126,7 +114,6 @@ class PlanarLookAt(LookAt):
     """The same for a holonomic base, which turns about its own axis."""
 
     def __init__(self, kinematics: PlanarKinematics, limits: MotionLimits, *, period_s: float) -> None:
-        """Arguments as for :class:`LookAt`."""
         self._kinematics, self._limits, self._period_s = kinematics, limits, period_s
         self._turn_radps = 0.0
 

@@ -24,7 +24,6 @@ class Follower:
     """Executes plans one action at a time."""
 
     def __init__(self) -> None:
-        """Start without a plan."""
         self._plan: Plan | None = None
         self._steps = 0
         self._leg = 0
@@ -63,13 +62,9 @@ class Follower:
         return action
 
     def coming_actions(self, pose: Pose2, count: int) -> list[Action]:
-        """What :meth:`next_action` would return one time after another, if nothing comes in between.
+        """What :meth:`next_action` would return one time after another, from this pose and where the actions lead to.
 
-        Nothing changes.
-
-        Args:
-            pose: of now; later ones are where the actions lead to.
-            count: how many actions; fewer where the plan is done before.
+        Nothing changes. Fewer than ``count`` where the plan is done before.
         """
         ahead = copy.copy(self)
         ahead._headings = list(self._headings)
@@ -121,7 +116,6 @@ class Follower:
 
 
 def _nearest_on_leg(x_m: float, y_m: float, start_m: list[float], end_m: list[float]) -> list[float]:
-    """The point of a leg of the path that is nearest to a place."""
     along_x, along_y = end_m[0] - start_m[0], end_m[1] - start_m[1]
     share = (x_m - start_m[0]) * along_x + (y_m - start_m[1]) * along_y
     share /= max(along_x * along_x + along_y * along_y, 1e-12)
@@ -129,7 +123,6 @@ def _nearest_on_leg(x_m: float, y_m: float, start_m: list[float], end_m: list[fl
 
 
 def _between(start_m: list[float], end_m: list[float], share: float) -> list[float]:
-    """The point after a share of the way from one to another."""
     return [start + share * (end - start) for start, end in zip(start_m, end_m, strict=True)]
 
 

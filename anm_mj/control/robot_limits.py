@@ -11,13 +11,9 @@ _LEAST_MPS2 = 0.3
 
 
 def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:
-    """The default limits, lowered to what a robot's wheels reach and to what does not tip it over.
+    """The default limits, lowered to what a robot's wheels reach at ``max_wheel_radps`` and what does not tip it over.
 
     Half the acceleration is allowed at which the wheels or casters on one side lift off, for a body that is rigid.
-
-    Args:
-        robot: the robot.
-        max_wheel_radps: highest speed of its wheels [rad/s].
     """
     most = MotionLimits()
     forward_mps, turn_radps, forward_mps2 = most.forward_mps, most.turn_radps, most.forward_mps2

@@ -18,9 +18,9 @@ from anm_mj.control.clearance_limit import ClearanceLimit, Obstacle, add_obstacl
 from anm_mj.frames import pose_matrix
 from anm_mj.robot.base_joints import PlanarBase, SimulatedBase
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.robot.kinematics import Kinematics, RobotKinematics
 from anm_mj.robot.reduced_model import PLANAR_JOINTS, WHEEL_JOINTS
-from anm_mj.types import Pose2, WheelSpeeds
+from anm_mj.types import Pose2
 
 _logger = logging.getLogger(__name__)
 
@@ -28,14 +28,6 @@ SOLVER = "daqp"
 _TASK_COST = 30.0
 """Weight of the pose task. Motions of one period are millimetres: at a weight of 1 the solver's regularisation lowers
 the wheel speeds by a quarter of a percent; at this weight the loss vanishes."""
-
-
-def _reduced_model(description: RobotDescription, obstacles: list[Obstacle] | None) -> mujoco.MjModel:
-    """The robot's reduced model among obstacles."""
-    spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
-    if obstacles:
-        add_obstacles(spec, description, obstacles)
-    return spec.compile()
 
 
 class NoSlip(mink.Task):
@@ -60,22 +52,48 @@ class NoSlip(mink.Task):
         return configuration.get_frame_jacobian("base", "site") - self._wheels_to_twist
 
 
-class _Servo:
+class BaseServo:
     """Inverse kinematics on mink's own model of the robot, apart from the simulated one."""
 
     def __init__(
-        self, description: RobotDescription, *, period_s: float, obstacles: list[Obstacle] | None, min_distance_m: float
+        self,
+        description: RobotDescription,
+        kinematics: Kinematics,
+        *,
+        period_s: float,
+        max_speeds: tuple[float, ...],
+        obstacles: list[Obstacle] | None = None,
+        min_distance_m: float = 0.0,
     ):
-        """Set the problem up; see the subclasses."""
-        self._model = _reduced_model(description, obstacles)
+        """Set the problem up for a base that keeps ``min_distance_m`` from obstacles [m].
+
+        ``period_s`` is the time between two calls [s]; ``max_speeds`` are the highest speeds of the left and the right
+        wheel [rad/s], or of a holonomic base along x and y [m/s] and its highest turn rate [rad/s].
+
+        Raises:
+            RobotError: if mink drops an obstacle.
+        """
+        spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
+        if obstacles:
+            add_obstacles(spec, description, obstacles)
+        self._model = spec.compile()
         self._period_s = period_s
         self._configuration = mink.Configuration(self._model)
         self._base: SimulatedBase | PlanarBase
+        if isinstance(kinematics, RobotKinematics):
+            joints = WHEEL_JOINTS
+            self._base = SimulatedBase(self._model, self._configuration.data)
+            self._constraints = [NoSlip(kinematics, self._model)]
+        else:
+            joints, self._constraints = PLANAR_JOINTS, None
+            self._base = PlanarBase(self._model, self._configuration.data, "", joints)
+        self._dofs = [self._model.joint(name).dofadr[0] for name in joints]
         # Height and tilt follow from the no-slip rows; a cost on them would only add rounding errors.
         self._reach = mink.FrameTask(
             "base", "site", position_cost=[_TASK_COST, _TASK_COST, 0.0], orientation_cost=[0.0, 0.0, _TASK_COST]
         )
-        self._limits: list[mink.Limit] = []
+        speeds: dict[str, Any] = dict(zip(joints, max_speeds, strict=True))
+        self._limits: list[mink.Limit] = [mink.VelocityLimit(self._model, speeds)]
         self._clearance: ClearanceLimit | None = None
         if obstacles:
             self._clearance = ClearanceLimit(self._model, len(obstacles), min_distance_m=min_distance_m)
@@ -86,103 +104,26 @@ class _Servo:
         """Whether an obstacle was within centimetres of the body at the last call."""
         return self._clearance is not None and self._clearance.is_active
 
-    def _velocity(
-        self, pose: Pose2, reference: Pose2, constraints: list[mink.Task] | None = None
-    ) -> Float[np.ndarray, " nv"]:
-        """Joint velocities that bring the base to the reference within one period; zero where no solution is found."""
+    def speeds(self, pose: Pose2, reference: Pose2) -> Float[np.ndarray, " n"]:
+        """Speeds, as ``max_speeds``, that bring the base as near to the reference as possible within one period.
+
+        Zero if the solver finds no solution.
+        """
         self._base.place(pose)
         self._configuration.update()
         self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
         try:
-            return np.asarray(
-                mink.solve_ik(
-                    self._configuration,
-                    [self._reach],
-                    self._period_s,
-                    SOLVER,
-                    limits=self._limits,
-                    constraints=constraints,
-                )
+            velocity = mink.solve_ik(
+                self._configuration,
+                [self._reach],
+                self._period_s,
+                SOLVER,
+                limits=self._limits,
+                constraints=self._constraints,
             )
         except mink.NoSolutionFound:
             # Standing still satisfies every limit, so a solution exists; the solver can miss it after a push into
             # several obstacles at once.
             _logger.debug("No wheel speeds found at %s for %s; the wheels stop for one period", pose, reference)
-            return np.zeros(self._model.nv)
-
-
-class WheelServo(_Servo):
-    """Computes wheel speeds."""
-
-    def __init__(
-        self,
-        description: RobotDescription,
-        kinematics: RobotKinematics,
-        *,
-        period_s: float,
-        max_wheel_radps: float,
-        obstacles: list[Obstacle] | None = None,
-        min_distance_m: float = 0.0,
-    ):
-        """Set the problem up.
-
-        Args:
-            description: the robot.
-            kinematics: of the robot.
-            period_s: time between two calls [s].
-            max_wheel_radps: highest speed of either wheel [rad/s].
-            obstacles: the robot's body keeps clear of them; None = no obstacles.
-            min_distance_m: distance to keep from them [m].
-
-        Raises:
-            RobotError: if mink drops an obstacle.
-        """
-        super().__init__(description, period_s=period_s, obstacles=obstacles, min_distance_m=min_distance_m)
-        self._base = SimulatedBase(self._model, self._configuration.data)
-        self._wheel_dofs = [self._model.joint(name).dofadr[0] for name in WHEEL_JOINTS]
-        self._no_slip = NoSlip(kinematics, self._model)
-        self._limits.insert(0, mink.VelocityLimit(self._model, dict.fromkeys(WHEEL_JOINTS, max_wheel_radps)))
-
-    def wheel_speeds(self, pose: Pose2, reference: Pose2) -> WheelSpeeds:
-        """Wheel speeds that bring the base as close to the reference as possible within one period.
-
-        Zero if the solver finds no solution.
-        """
-        left, right = self._velocity(pose, reference, [self._no_slip])[self._wheel_dofs].tolist()
-        return WheelSpeeds(left, right)
-
-
-class PlanarServo(_Servo):
-    """Computes joint speeds of a holonomic base."""
-
-    def __init__(
-        self,
-        description: RobotDescription,
-        *,
-        period_s: float,
-        max_mps: float,
-        max_radps: float,
-        obstacles: list[Obstacle],
-        min_distance_m: float,
-    ):
-        """Set the problem up.
-
-        Args:
-            description: the robot.
-            period_s: time between two calls [s].
-            max_mps: highest speed along either axis [m/s].
-            max_radps: highest turn rate [rad/s].
-            obstacles: the robot's body keeps clear of them.
-            min_distance_m: distance to keep from them [m].
-
-        Raises:
-            RobotError: if mink drops an obstacle.
-        """
-        super().__init__(description, period_s=period_s, obstacles=obstacles, min_distance_m=min_distance_m)
-        self._base = PlanarBase(self._model, self._configuration.data, "", PLANAR_JOINTS)
-        speeds: dict[str, Any] = dict(zip(PLANAR_JOINTS, (max_mps, max_mps, max_radps), strict=True))
-        self._limits.insert(0, mink.VelocityLimit(self._model, speeds))
-
-    def joint_speeds(self, pose: Pose2, reference: Pose2) -> Float[np.ndarray, "3"]:
-        """Speeds along x and y [m/s] and turn rate [rad/s] that bring the base to the reference within one period."""
-        return self._velocity(pose, reference)
+            return np.zeros(len(self._dofs))
+        return np.asarray(velocity)[self._dofs]

@@ -18,12 +18,7 @@ MOVES = tuple(action for action in Action if action is not Action.STOP)
 
 
 def action_spec(actions: str, stop: bool) -> specs.Array:
-    """What an environment takes.
-
-    Args:
-        actions: one of ``ACTION_SETS``.
-        stop: whether STOP is among the discrete actions.
-    """
+    """What an environment of one of ``ACTION_SETS`` takes; ``stop``: whether STOP is among the discrete actions."""
     if actions == "velocity":
         return specs.BoundedArray((2,), np.float32, -1.0, 1.0, name="action")
     return specs.DiscreteArray(len(Action) if stop else len(MOVES), name="action")

@@ -18,9 +18,7 @@ REACH_M = 1000.0
 MAX_STEPS = int(REACH_M / (FORWARD_STEP_M + 0.001))
 """Longest episode of discrete actions [steps]; the physics drive may overshoot a step by a millimetre."""
 MAX_VELOCITY_STEPS = int(0.99 * REACH_M / (MotionLimits().forward_mps * CONTROL_S))
-"""Longest episode of velocities [steps]."""
 REWARDS = ("surface", "area", "information")
-"""What an agent is rewarded for."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,6 @@ CELLS = 192
 FREE_FRACTION = 0.5
 """Fraction of a column's voxels that must be free for the column to be free."""
 MAX_DISTANCE_M = 2.0
-"""Signed distances are limited to this [m]."""
 
 
 def _information_bits() -> Float64[np.ndarray, "256"]:

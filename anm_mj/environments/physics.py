@@ -26,11 +26,6 @@ class RobotPhysics(control.Physics):
     """
 
     def __init__(self, config: SimulationConfig) -> None:
-        """Prepare a simulation.
-
-        Args:
-            config: what the robot is made of; ``place`` says scene, start and seed.
-        """
         self._config = config
         self._scene: Scene | None = None
         self._robot: SimRobot | None = None
@@ -56,12 +51,9 @@ class RobotPhysics(control.Physics):
         """Do nothing: ``place`` has reset the simulation."""
 
     def place(self, scene: Scene, pose: Pose2, seed: int) -> None:
-        """Reset the simulation to time 0 with the robot at rest at a pose.
+        """Reset the simulation to time 0 with the robot at rest at a pose; another scene than before is loaded first.
 
-        Args:
-            scene: the world; another one than before is loaded first.
-            pose: where the robot starts.
-            seed: of the sensor's errors.
+        ``seed`` is that of the sensor's errors.
 
         Raises:
             SceneError: if the scene cannot be built, or the robot does not fit at the pose.

@@ -17,12 +17,7 @@ class Reward:
     """
 
     def __init__(self, kind: str, local_map: LocalMap | None) -> None:
-        """Start an episode.
-
-        Args:
-            kind: what counts, as ``EnvironmentConfig.reward`` says.
-            local_map: of the episode; ``surface`` needs none.
-        """
+        """Start an episode; ``kind`` is what counts, as ``EnvironmentConfig.reward`` says; ``surface`` needs no map."""
         self._kind = kind
         self._map = local_map
         self.known = 0.0
@@ -31,8 +26,7 @@ class Reward:
     def of_view(self, new_surface: float) -> float:
         """The reward of a view that is in the map by now.
 
-        Args:
-            new_surface: fraction of the observable surface that it is the first to cover, in [0, 1].
+        ``new_surface`` is the fraction of the observable surface that it is the first to cover, in [0, 1].
         """
         before = self.known
         if self._map is None or self._kind == "surface":

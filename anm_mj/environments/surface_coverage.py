@@ -80,12 +80,7 @@ class IncrementalCoverage:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
     ) -> float:
-        """Add a frame.
-
-        Args:
-            depth_m: planar depth [m]; NaN without a hit.
-            intrinsics: of this image.
-            T_world_camera: camera to world.
+        """Add a frame of planar depth [m], NaN without a hit.
 
         Returns:
             Fraction of the samples that this frame is the first to cover within 5 cm, in [0, 1].
@@ -111,15 +106,10 @@ class IncrementalCoverage:
 
 
 def observable_surface(scene: Scene, footprint: Footprint, view: Observation, start: Pose2) -> SampleGrid:
-    """The samples that are visible from the robot's reachable area, or all samples without Embree.
+    """The samples that are visible from the robot's reachable area about ``start``, or all samples without Embree.
 
-    The first call per scene and robot takes seconds; the user's cache folder keeps the result.
-
-    Args:
-        scene: the world.
-        footprint: of the robot.
-        view: any view with true poses; it tells the camera's pose on the robot.
-        start: a pose in the reachable area.
+    The first call per scene and robot takes seconds; the user's cache folder keeps the result. ``view``, any view with
+    true poses, tells the camera's pose on the robot.
 
     Raises:
         SceneError: the scene has no surface, or too little floor.

@@ -46,13 +46,7 @@ class ExploreTask(control.Task):
     """
 
     def __init__(self, scenes: Sequence[Scene], config: EnvironmentConfig, footprint: Footprint, seed: int) -> None:
-        """Set up the task.
-
-        Args:
-            scenes: the worlds; of several, every episode draws one.
-            config: of the episodes.
-            footprint: of the robot.
-            seed: of scenes, starts and the sensor's errors.
+        """Set up the task; of several scenes, every episode draws one.
 
         Raises:
             SceneError: if the robot does not fit at the start of the configuration.
@@ -69,11 +63,9 @@ class ExploreTask(control.Task):
         self._steps = 0
 
     def seed(self, seed: int, random: np.random.Generator | None = None) -> None:
-        """Begin the sequence of episodes of a seed.
+        """Begin the sequence of episodes of a seed, that of the sensor's errors, which differ from episode to episode.
 
-        Args:
-            seed: of the sensor's errors, which differ from episode to episode.
-            random: draws scenes and starts; None = from the seed.
+        ``random`` draws scenes and starts; None = from the seed.
         """
         self.random = np.random.default_rng(seed) if random is None else random
         """Draws scenes and starts."""

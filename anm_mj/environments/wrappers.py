@@ -25,11 +25,7 @@ class RepeatAction(gymnasium.Wrapper):
     """
 
     def __init__(self, env: gymnasium.Env, times: int) -> None:
-        """Wrap an environment.
-
-        Args:
-            env: with ``collided`` in its ``info``.
-            times: executions of an action; 1 changes nothing.
+        """Wrap an environment with ``collided`` in its ``info``; 1 time changes nothing.
 
         Raises:
             TaskError: less than one execution.
@@ -88,5 +84,4 @@ class Directions(gymnasium.ObservationWrapper):
         return np.stack([obstacle_m / RANGE_M, unknown_m / RANGE_M, before.mean(axis=1)]).astype(np.float32)
 
     def _nearest_m(self, there: np.ndarray) -> np.ndarray:
-        """Distance to the first cell of a kind in every direction [m]; ``RANGE_M`` without one."""
         return np.where(there.any(axis=1), self._ahead_m[there.argmax(axis=1)], RANGE_M)

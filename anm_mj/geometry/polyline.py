@@ -19,11 +19,9 @@ def shortcut(
     points_m: Float[np.ndarray, "k 2"],
     are_clear: Callable[[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]], Bool[np.ndarray, " n"]],
 ) -> Float[np.ndarray, "j 2"]:
-    """A polyline without the corners that a clear straight segment can skip (greedy, farthest first).
+    """A polyline [m] without the corners that a clear straight segment can skip (greedy, farthest first).
 
-    Args:
-        points_m: The polyline [m].
-        are_clear: Whether segments are clear, given their starts and ends [m].
+    ``are_clear`` says whether segments are clear, given their starts and ends [m].
     """
     kept = [0]
     while kept[-1] < len(points_m) - 1:

@@ -40,18 +40,11 @@ def cached_ground_truth(
     on_progress: Callable[[int, int], None] = lambda done, total: None,
     num_samples: int = NUM_SAMPLES,
 ) -> GroundTruth:
-    """The samples for completion, and which of them are observable.
+    """The samples for completion, and which of them are observable from where the robot can get from ``start``.
 
     The samples of a scene do not depend on a run's seed, so runs differ by their frames alone. Without Embree the
-    observable part stays unknown, and a warning says so.
-
-    Args:
-        scene: The world.
-        footprint: The robot's body.
-        camera: Its camera.
-        start: Any pose in the reachable area.
-        on_progress: Called with done and total rounds of the search; not called if the answer is cached.
-        num_samples: Number of samples.
+    observable part stays unknown, and a warning says so. ``on_progress`` is called with done and total rounds of the
+    search, unless the answer is cached.
 
     Raises:
         SceneError: The scene has no surface, or next to no floor.
@@ -60,7 +53,7 @@ def cached_ground_truth(
     if not embree_installed():
         _logger.warning(
             "The observable surface is not computed, because embreex is not installed; "
-            "install it with pip install 'anm-mj[embree]'."
+            "install it with pip install embreex."
         )
         return truth
     area = reachable_area(scene, footprint, start)
@@ -101,7 +94,6 @@ def cache_key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: Reachable
 
 
 def _load(path: Path, num_samples: int) -> Bool[np.ndarray, " n"] | None:
-    """The cached flags; None if the file is missing or damaged."""
     try:
         kept = np.load(path)
     except (OSError, ValueError, EOFError):

@@ -31,11 +31,6 @@ class NearestSearch:
         self._num_threads = num_threads
 
     def lower(self, distance_m: Float[np.ndarray, " n"], points: Float[np.ndarray, "m 3"]) -> None:
-        """Replace the distance of every place by that to the nearest point, where that is less.
-
-        Args:
-            distance_m: Of each place, changed in place; +inf where nothing is known [m].
-            points: World [m].
-        """
+        """Replace the distance of every place [m], +inf where unknown, by that to the nearest point if that is less."""
         threads = self._num_threads or usual_num_threads()
         _native.lower_distances(np.ascontiguousarray(points), self._places, distance_m, threads)

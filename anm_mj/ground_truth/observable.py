@@ -38,7 +38,6 @@ PATIENCE_ROUNDS = 128
 FIRST_TREE_ROUND = 8
 """From this round on, all unseen samples are searched about each hit."""
 TREE_ROUNDS = 8
-"""Rounds between two trees of the unseen samples."""
 NUM_NEIGHBOURS = 8
 """Nearest samples whose places of view are tried."""
 SPREADS_M = (0.0, 0.1, 0.3, 1.0)
@@ -90,14 +89,9 @@ def observable_samples(
     camera: CameraExtrinsics,
     on_round: Callable[[int, int], None] = lambda done, total: None,
 ) -> Bool[np.ndarray, " n"]:
-    """The samples of a surface that a frame from somewhere in the area could cover.
+    """The samples of a surface (world [m]) that a frame of the robot's camera from somewhere in the area could cover.
 
-    Args:
-        samples: On the surface, world [m].
-        caster: The surface.
-        area: Where the robot can get to.
-        camera: The camera on the robot.
-        on_round: Called with done and total rounds.
+    ``on_round`` is called with done and total rounds.
     """
     if len(samples) <= NUM_NEIGHBOURS or not area.reachable.any():
         return np.zeros(len(samples), bool)

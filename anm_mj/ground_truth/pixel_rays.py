@@ -30,14 +30,7 @@ class CameraExtrinsics:
     def of_view(
         cls, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"], pose: Pose2, range_m: float = MAX_DEPTH_M
     ) -> CameraExtrinsics:
-        """Extrinsics from one observation.
-
-        Args:
-            intrinsics: Of the original, unreduced image.
-            T_world_camera: Camera to world, CV axes.
-            pose: Of the base.
-            range_m: Largest depth that the sensor measures [m].
-        """
+        """Extrinsics from one observation and the intrinsics of the original, unreduced image; OpenCV's camera axes."""
         return cls(intrinsics, np.linalg.inv(pose_matrix(pose)) @ T_world_camera, min(range_m, MAX_DEPTH_M))
 
 
@@ -98,10 +91,7 @@ class PixelRays:
     ) -> Float32[np.ndarray, "n 3"]:
         """Depth point of the pixel nearest to each target, in the frame at a place and a yaw [m]; infinite without one.
 
-        Args:
-            targets_m: World; targets behind the camera have no depth point.
-            places_m: World x, y of the base.
-            yaw: Index of its yaw.
+        Targets and places of the base are in the world; targets behind the camera have no depth point.
         """
         origin = self._offset_m[yaw]
         origin[:, :2] += places_m

@@ -50,14 +50,11 @@ def _kept_directions(intrinsics: Intrinsics) -> Float[np.ndarray, "rows cols 3"]
 
 
 def halved_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
-    """The intrinsics with which reduced depth is back-projected as by the paper's code.
+    """The intrinsics with which the paper's code back-projects reduced depth, from those of the original image.
 
     That code resizes an image by its nearest pixels and divides the intrinsics by the same factor, so a kept pixel, the
     first of its block, gets the ray through the middle of the block. The same points come out of the original image
     with a principal point that lies nearer to its corner by half of what a block has more than one pixel.
-
-    Args:
-        intrinsics: Of the original, unreduced image.
     """
     wide, high = (size / len(kept_pixels(size)) for size in (intrinsics.width, intrinsics.height))
     return replace(intrinsics, cx=intrinsics.cx - (wide - 1.0) / 2.0, cy=intrinsics.cy - (high - 1.0) / 2.0)
@@ -66,12 +63,9 @@ def halved_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
 def back_project_reduced(
     depth_mm: UInt16[np.ndarray, "rows cols"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "n 3"]:
-    """World points of a reduced depth image within the sensor's range [m].
+    """World points of a reduced depth image (:func:`reduce_depth` [mm]) within the sensor's range [m].
 
-    Args:
-        depth_mm: Depth by :func:`reduce_depth` [mm].
-        intrinsics: Of the original, unreduced image.
-        T_world_camera: Camera to world, CV axes.
+    The intrinsics are those of the original, unreduced image.
     """
     seen = (depth_mm > 0) & (depth_mm <= MAX_DEPTH_M * 1000.0)
     directions = _kept_directions(intrinsics)

@@ -25,7 +25,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation, Slerp
 
 from anm_mj.errors import RunFolderError
-from anm_mj.frames import rigid_transform
+from anm_mj.frames import pixel_directions, rigid_transform
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.image import read_image
@@ -90,6 +90,14 @@ class Sequence:
     """Whether the poses of frames mean something; else all are the same."""
     interpolated: tuple[int, ...] = ()
     """Frames whose pose no file states."""
+    assumes_camera: bool = False
+    """Whether no file states the camera: it is the one that the layout's data set has."""
+    depth_scale: float = 1.0
+    """True depth per depth that the files state."""
+    ray_depth: bool = False
+    """Whether the files state distances along the rays instead of planar depth."""
+    mirrored: bool = False
+    """Whether the images are mirrored left to right."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -118,6 +126,12 @@ class Sequence:
             if self.distortion is not None:
                 straight = undistortion(camera, self.distortion)
                 rgb, depth_m = straight.colour(rgb), straight.depth(depth_m)
+            if self.mirrored:
+                rgb, depth_m = np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(depth_m[:, ::-1])
+            if self.ray_depth:
+                depth_m = depth_m / np.linalg.norm(pixel_directions(camera), axis=-1).astype(np.float32)
+            if self.depth_scale != 1.0:
+                depth_m = depth_m * np.float32(self.depth_scale)
             pose = base_pose(frame.T_world_camera)
             yield Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
 
@@ -173,11 +187,15 @@ class Sequence:
                 depth_m = read_npy(path)
                 if depth_m.dtype.kind not in "fiu":
                     raise ValueError(f"it holds {depth_m.dtype}, which is no depth")
-                depth_m = depth_m.astype(np.float32)
+                unit = self.depth_unit_m if depth_m.dtype.kind in "iu" else 1.0
+                depth_m = depth_m.astype(np.float32) * np.float32(unit)
             except (OSError, ValueError) as err:
                 raise RunFolderError(f"{path} cannot be read ({err}).") from err
         else:
-            depth_m = read_image(path).astype(np.float32) * np.float32(self.depth_unit_m)
+            stated = read_image(path)
+            # Floating point is in metres.
+            unit = self.depth_unit_m if stated.dtype.kind in "iu" else 1.0
+            depth_m = stated.astype(np.float32) * np.float32(unit)
         if depth_m.ndim != 2:
             raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
         return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))

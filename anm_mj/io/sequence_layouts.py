@@ -1,4 +1,4 @@
-"""Recorded RGB-D sequences: TUM RGB-D, nerfstudio, Replica, ROS bags, and a run folder of ours.
+"""Recorded RGB-D sequences: TUM RGB-D, nerfstudio, Replica, 7-Scenes, ScanNet, ROS bags, and a run folder of ours.
 
 The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0.
 """
@@ -18,6 +18,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions, rigid_transform, transform_points
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.camera_checks import FARTHEST_M, check_camera, check_time, no_poses
+from anm_mj.io.matrix_sequence import read_scannet, read_seven_scenes
 from anm_mj.io.nerfstudio_sequence import read_nerfstudio
 from anm_mj.io.read_run import read_run
 from anm_mj.io.replica_sequence import read_replica
@@ -37,6 +38,10 @@ BAG = "rosbag"
 _FLOOR_FRAMES, _FLOOR_BIN_M, _FLOOR_SHARE = 30, 0.02, 0.3
 _GUESSED_M = 1.0
 """A camera of which nothing is known stands so high [m]."""
+_MOST_LEFT_OUT = 0.2
+"""A sequence with a larger share of frames without a pose is refused."""
+_ASSUMED_SIZE = (640, 480)
+"""Of the images of the TUM data set [px]."""
 _HEIGHTS_M = (0.05, 50.0)
 """Cameras stand between these above the floor [m]."""
 
@@ -69,6 +74,9 @@ class SequenceOptions:
     """Whether the poses of the files are not used."""
     distortion: LensDistortion | Literal["files"] | None = "files"
     """Of the lens; None = there is none, ``files`` = as they say."""
+    judge: Callable[[Sequence, str], tuple[Sequence, str]] | None = None
+    """Looks at the sequence as its files state it, and at the axis that is taken to point up, before the floor is
+    looked for; gives both back, put right."""
 
 
 def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
@@ -112,13 +120,20 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     if options.camera is not None:
         fx, fy, cx, cy = options.camera
         sequence = replace(sequence, intrinsics=replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy))
+    elif sequence.assumes_camera:
+        _check_assumed_camera(sequence)
     if options.depth_unit_m is not None:
         sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
+    elif sequence.assumes_camera:
+        _say_assumed_unit(sequence)
+    sequence = _with_poses_alone(sequence)
     check_sequence(sequence)
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
     up = options.up or ("z" if sequence.has_poses else "-y")
+    if options.judge is not None:
+        sequence, up = options.judge(sequence, up)
     sequence = sequence.moved(rigid_transform(UP[up].ravel(), np.zeros(3)))
     floor_m = options.floor_m
     if floor_m is None:
@@ -145,6 +160,48 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
         return LAYOUTS[found].read(folder, options.needs_poses), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
+
+
+def _check_assumed_camera(sequence: Sequence) -> None:
+    """Warn of a camera that no file states.
+
+    Raises:
+        RunFolderError: its images have another size than those of the data set.
+    """
+    camera = sequence.intrinsics
+    numbers = f"{camera.fx:g} px, as in the data set of its layout"
+    if (camera.width, camera.height) != _ASSUMED_SIZE:
+        raise RunFolderError(
+            f"No file of {sequence.path} states its camera. A focal length of {numbers}, would be that of images of "
+            f"{_ASSUMED_SIZE[0]} x {_ASSUMED_SIZE[1]} pixels, but they have {camera.width} x {camera.height}; give "
+            f"--camera FX,FY,CX,CY, and --depth-unit where it is not {sequence.depth_unit_m:g} m."
+        )
+    _logger.warning("No file of %s states its camera: it is assumed to be %s (--camera).", sequence.path, numbers)
+
+
+def _say_assumed_unit(sequence: Sequence) -> None:
+    _logger.warning(
+        "No file of %s states its unit of depth: %g m is assumed (--depth-unit).", sequence.path, sequence.depth_unit_m
+    )
+
+
+def _with_poses_alone(sequence: Sequence) -> Sequence:
+    """The frames whose pose can be one, with a warning; all of them where too many have none."""
+    shapes = {np.shape(frame.T_world_camera) for frame in sequence.frames}
+    if shapes != {(4, 4)}:
+        return sequence
+    wrong = no_poses(np.array([frame.T_world_camera for frame in sequence.frames]))
+    if not 0 < np.count_nonzero(wrong) <= _MOST_LEFT_OUT * len(wrong):
+        return sequence
+    _logger.warning(
+        "%s: %d of %d frames are left out, because their pose is none (nan, zeros or no rotation): %s.",
+        sequence.path,
+        np.count_nonzero(wrong),
+        len(wrong),
+        ranges_text(np.flatnonzero(wrong).tolist()),
+    )
+    frames = tuple(frame for frame, bad in zip(sequence.frames, wrong, strict=True) if not bad)
+    return replace(sequence, frames=frames, interpolated=())
 
 
 def check_sequence(sequence: Sequence) -> None:
@@ -279,4 +336,6 @@ LAYOUTS = {
     "tum": Layout("groundtruth.txt", lambda folder, needed: read_tum(folder, needs_poses=needed), "depth.txt"),
     "nerfstudio": Layout("transforms.json", lambda folder, _: read_nerfstudio(folder)),
     "replica": Layout("traj.txt", lambda folder, _: read_replica(folder)),
+    "7scenes": Layout("frame-000000.pose.txt", lambda folder, _: read_seven_scenes(folder)),
+    "scannet": Layout("intrinsic/intrinsic_depth.txt", lambda folder, _: read_scannet(folder)),
 }

@@ -260,7 +260,11 @@ class FieldLocaliser:
             quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
-        return PoseEstimate(placed, covariance, quality, self._state, usable and self._state is TrackingState.TRACKING)
+        usable = usable and self._state is TrackingState.TRACKING
+        estimate = PoseEstimate(placed, covariance, quality, self._state, usable)
+        deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
+        told = replace(placed, position_deviation_m=deviations[0], heading_deviation_rad=deviations[1])
+        return replace(estimate, observation=told)
 
     def _base(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
         if self._base_pose is not None:

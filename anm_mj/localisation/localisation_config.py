@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import MapError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 if TYPE_CHECKING:
     from anm_mj.mapping.alignment import AlignSettings
 
 
 @dataclass(frozen=True)
-class RegistrationConfig:
+class RegistrationConfig(Settings, group="localisation.registration", error=MapError):
     """How one frame is registered to the field."""
 
     num_points: int = setting(800, at_least=50, at_most=65_536)
@@ -47,9 +47,6 @@ class RegistrationConfig:
     still_rad: float = 2e-4
     """And turns it by less [rad]."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.registration", MapError)
-
     def settings(self, share: float) -> AlignSettings:
         """How residuals are weighted after a share of the shrinking, in [0, 1]."""
         from anm_mj.mapping.alignment import AlignSettings  # Settings alone should not cost the import of numpy.
@@ -59,7 +56,7 @@ class RegistrationConfig:
 
 
 @dataclass(frozen=True)
-class KeyImageConfig:
+class KeyImageConfig(Settings, group="localisation.key_images", error=MapError):
     """Earlier frames that a frame is registered to, beside the field."""
 
     num_images: int = setting(2, at_least=0, at_most=100)
@@ -85,12 +82,9 @@ class KeyImageConfig:
     gray_kernel: float = 2.0
     """Width of the kernel on grey values, in standard deviations."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.key_images", MapError)
-
 
 @dataclass(frozen=True)
-class MotionConfig:
+class MotionConfig(Settings, group="localisation.motion", error=MapError):
     """How far the prior of a frame's pose is believed."""
 
     odometry_alpha: tuple[float, float, float, float] = setting((0.01, 0.01, 0.01, 0.01), at_least=0.0)
@@ -106,12 +100,9 @@ class MotionConfig:
     free_rotation_rad: float = 0.015
     """Constant velocity: and at least this, of the rotation [rad]."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.motion", MapError)
-
 
 @dataclass(frozen=True)
-class TrackingConfig:
+class TrackingConfig(Settings, group="localisation.tracking", error=MapError):
     """When a pose is good enough, and how much is trained meanwhile."""
 
     least_inliers: float = setting(0.35, at_least=0.0, at_most=1.0)
@@ -141,12 +132,9 @@ class TrackingConfig:
     current_rays: int = setting(250, at_least=1, at_most=65_536)
     """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.tracking", MapError)
-
 
 @dataclass(frozen=True)
-class RelocalisationConfig:
+class RelocalisationConfig(Settings, group="localisation.relocalisation", error=MapError):
     """How a lost camera is looked for."""
 
     cell_m: float = setting(0.1, at_least=0.02, at_most=1.0)
@@ -183,9 +171,6 @@ class RelocalisationConfig:
     """leads every other by at least this over the root of the frames that both were compared with,"""
     frames: int = setting(4, at_most=1000)
     """over at least so many frames."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.relocalisation", MapError)
 
     def registration(self, usual: RegistrationConfig) -> RegistrationConfig:
         """The settings by which a candidate is registered."""

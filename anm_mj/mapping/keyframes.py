@@ -49,9 +49,9 @@ class Keyframes:
             fits &= count.max(initial=0) <= len(pixels) and int(count.sum()) == len(pixels)
             fits = bool(fits) and bool(np.isfinite(cameras).all()) and bool((cameras[:, :3] >= 1.0).all())
         except (KeyError, ValueError, TypeError, AttributeError) as err:
-            raise MapError(f"The stored keyframes cannot be read ({err}); explore anew.") from err
+            raise MapError(f"The stored keyframes cannot be read ({err}); explore again.") from err
         if not fits or (pixels["index"] > _MOST_PIXELS).any() or (cameras[:, 0] > _MOST_PIXELS).any():
-            raise MapError("The stored keyframes do not fit each other; explore anew.")
+            raise MapError("The stored keyframes do not fit each other; explore again.")
         return cls(pixels, count, cameras)
 
     def arrays(self) -> dict[str, np.ndarray]:

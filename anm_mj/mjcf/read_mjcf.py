@@ -17,6 +17,7 @@ from xml.parsers import expat
 
 from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.utils.file_limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
+from anm_mj.utils.files import home_folder
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
@@ -33,7 +34,7 @@ _COPY_COST = 8
 _TEXTURE_COST = 2
 """MuJoCo keeps a picture at its full size, and a second time while it compiles."""
 _MAX_MIB = 256
-"""Largest MJCF file [MiB]."""
+_HEAD_BYTES = 65536
 LEVELS_UP = 3
 """A file may name others as far up as this number of folders above its own, as in ``../../assets``."""
 _COUNTED = ("replicate", "flexcomp", "composite")
@@ -75,7 +76,7 @@ def read_spec(
     if elements > most:
         raise ValueError(
             f"it has {elements:.4g} elements, copies counted {_COPY_COST} times, but files end at {most}: set "
-            "ANM_MJ_MAX_ELEMENTS if there should be so many"
+            "ANM_MJ_MAX_ELEMENTS to allow more"
         )
     try:
         with quiet_mujoco():
@@ -97,13 +98,11 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def top_folder(folder: Path, levels_up: int) -> Path:
-    """The folder below which the files that a model names may lie.
+    """The folder below which the files that a model names may lie: up to ``levels_up`` above its own, links followed.
 
-    Args:
-        folder: The model's own, links followed.
-        levels_up: How many folders above it that may be. Beyond the first, it is never the user's home or above.
+    Beyond the first, it is never the user's home or above.
     """
-    home = Path.home()
+    home = home_folder()
     top = folder
     for level, above in enumerate(folder.parents[:levels_up]):
         is_shared = above == Path(above.anchor) or (level > 0 and (above == home or above in home.parents))
@@ -113,21 +112,34 @@ def top_folder(folder: Path, levels_up: int) -> Path:
     return top
 
 
-def named_files(path: Path, others: Sequence[Path] = ()) -> list[Path]:
-    """The files that exist of those that an MJCF file and its includes name; none where it cannot be read.
-
-    Args:
-        path: The file.
-        others: As :func:`read_spec`.
-    """
+def named_files(path: Path) -> list[Path]:
+    """The files that exist of those that an MJCF file and its includes name; none where it cannot be read."""
     folder = Path(os.path.realpath(path)).parent
-    counter = _Counter(folder, _Places(top_folder(folder, LEVELS_UP), tuple(others)))
+    counter = _Counter(folder, _Places(top_folder(folder, LEVELS_UP)))
     try:
         counter.elements(path)
     except (OSError, ValueError):
         return []
     found = {folder / below / name for below in counter.folders for name in counter.names}
     return sorted(file for file in {*found, *counter.known} if os.path.isfile(file))
+
+
+def root_tag(src: Path) -> str:
+    """The name of the outermost element of an XML file, found in its beginning; empty for anything else."""
+    try:
+        with src.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return ""
+    found = re.match(
+        rb"(?:\xef\xbb\xbf)?(?:\s|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za-z_][\w.-]*)", head, re.DOTALL
+    )
+    return "" if found is None else found[1].decode()
+
+
+def is_mjcf(src: Path) -> bool:
+    """Whether a file is a MuJoCo model."""
+    return src.suffix.lower() in (".xml", ".mjcf") and src.is_file() and root_tag(src) == "mujoco"
 
 
 @dataclass(frozen=True)
@@ -159,18 +171,13 @@ class _Counter:
     folders: set[str] = field(default_factory=lambda: {""})
     """Where ``<compiler>`` looks for files."""
     names: set[str] = field(default_factory=set)
-    """Files that elements name."""
     cells: int = 0
     """Pixels and cells so far that MuJoCo takes memory for while it reads."""
     cells_of: dict[Path, int] = field(default_factory=dict)
     """Those of each file that is counted."""
 
     def elements(self, path: Path) -> int:
-        """Number of elements of a file.
-
-        Raises:
-            OSError, ValueError: It cannot be read.
-        """
+        """Number of elements of a file."""
         if path in self.known:
             return self.known[path]
         self.known[path] = 0
@@ -205,24 +212,16 @@ class _Counter:
         return total
 
     def _take(self, cells: int, name: str, attributes: dict[str, str]) -> None:
-        """Count the cells of an element.
-
-        Raises:
-            ValueError: There are too many with them.
-        """
+        """Count the cells of an element; raises ValueError if there are too many with them."""
         self.cells += cells
         if self.cells > MAX_CELLS:
             raise ValueError(
                 f"with its {name} '{attributes.get('name', '')}' it has {self.cells:.4g} cells of textures and height "
-                f"fields, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS if there should be so many"
+                f"fields, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS to allow more"
             )
 
     def _file(self, within: Path, name: str) -> Path:
-        """A file that another one names.
-
-        Raises:
-            ValueError: It is nowhere, or elsewhere.
-        """
+        """A file that another one names; raises ValueError if it is nowhere, or elsewhere."""
         places = (self.folder / name, within.parent / name)
         found = next((place for place in places if place.is_file()), None)
         if found is None:
@@ -232,11 +231,7 @@ class _Counter:
 
 
 def _tags(text: bytes) -> Iterator[tuple[str | None, dict[str, str]]]:
-    """Names and attributes of the elements of an XML text as they open; None as they close.
-
-    Raises:
-        ValueError: It is not well-formed.
-    """
+    """Names and attributes of an XML text's elements as they open; None as they close; ValueError if damaged."""
     found: list[tuple[str | None, dict[str, str]]] = []
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda name, attributes: found.append((name, attributes))
@@ -279,11 +274,7 @@ def _check_size(name: str, attributes: dict[str, str]) -> None:
 
 
 def _check_assets(spec: mujoco.MjSpec, folder: Path, own: _Places) -> None:
-    """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears.
-
-    Raises:
-        OSError, ValueError: as :func:`read_spec`.
-    """
+    """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears."""
     megapixels = 0.0
     files = [(spec.meshdir, asset.file, False) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     files += [(spec.texturedir, texture.file, True) for texture in spec.textures]
@@ -301,8 +292,7 @@ def _check_assets(spec: mujoco.MjSpec, folder: Path, own: _Places) -> None:
             if _TEXTURE_COST * megapixels > MAX_TEXTURE_MEGAPIXELS:
                 raise ValueError(
                     f"with {name!r} it has {megapixels:.0f} megapixels of textures, which count twice, but they end at "
-                    f"{MAX_TEXTURE_MEGAPIXELS}: shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS if there should be "
-                    "so many"
+                    f"{MAX_TEXTURE_MEGAPIXELS}: shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS to allow more"
                 )
         else:
             open_regular(path).close()

@@ -27,7 +27,7 @@ from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.recording.config import RecordConfig
 from anm_mj.recording.run_log import RunLog
-from anm_mj.types import Action, ActionResult, FormerRun, MapUpdate, Observation, Plan, Pose2, TrueView
+from anm_mj.types import Action, ActionResult, ExploredState, MapUpdate, Observation, Plan, Pose2, TrueView
 from anm_mj.utils.background import Background
 from anm_mj.utils.files import atomic_write
 
@@ -38,8 +38,8 @@ ROOM = 32
 class Before(NamedTuple):
     """What a continued run begins with."""
 
-    former: FormerRun
-    """What the former runs found out beside the map."""
+    prior: ExploredState
+    """What the prior runs found out beside the map."""
     covered_m: Float32[np.ndarray, " n"]
     """How near each sample of the true surface had been seen [m]."""
 
@@ -88,7 +88,7 @@ class RunRecorder:
         if resumed is None:
             self._curve_file.line(CURVE_HEADER)
         self.curve = CompletionCurve(truth, None if before is None else before.covered_m, num_threads=1)
-        self.former = None if before is None else before.former
+        self.prior = None if before is None else before.prior
         """What the runs that this one goes on from found out; None where it began with nothing."""
         self.collisions: list[Pose2] = []
         self.statistics = EpisodeStatistics()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -85,6 +85,7 @@ class RunLog:
         true: TrueView | None = None,
         depth_mm: UInt16[np.ndarray, "rows cols"] | None = None,
         estimate: PoseEstimate | None = None,
+        fit: Mapping[str, Any] | None = None,
     ) -> None:
         """Record an observation; the first one comes before any action.
 
@@ -92,6 +93,7 @@ class RunLog:
             observation: What the robot perceived.
             true: What it was truly made of, where that differs.
             estimate: What localisation says of the pose; None where there is none.
+            fit: How well the frame fits the map of those before it, by name; None = that was not looked at.
             depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
         """
         if not self._num_frames:
@@ -122,6 +124,8 @@ class RunLog:
                 "bound": estimate.quality.bound,
                 "covariance_xy_m2": [estimate.covariance[0, 0], estimate.covariance[0, 1], estimate.covariance[1, 1]],
             }
+        if fit is not None:
+            line["fit"] = fit
         self._frames.json(line)
         self._num_frames += 1
         if estimate is None or estimate.state is TrackingState.TRACKING:

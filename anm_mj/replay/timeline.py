@@ -26,11 +26,7 @@ class Timeline:
     run: Run
 
     def __post_init__(self) -> None:
-        """Check that there is something to show.
-
-        Raises:
-            RunFolderError: The run has no frame.
-        """
+        """Raises RunFolderError for a run without a frame."""
         if not self.run.frames:
             raise RunFolderError(f"{self.run.folder.path} holds no frame yet; wait for the run's first step.")
 

@@ -29,14 +29,9 @@ class SimulatedBase:
         prefix: str = "",
         robot: RobotDescription | None = None,
     ):
-        """Look the joints up by name.
+        """Look the joints of a robot, alone or in a scene, up by name; ``prefix`` precedes its names there.
 
-        Args:
-            model: the robot, alone or in a scene.
-            data: of that model.
-            prefix: stands before the robot's names in the scene.
-            robot: names its joints; None = a reduced model (:mod:`anm_mj.robot.reduced_model`), whose root body is the
-                base.
+        Without ``robot`` it is a reduced model (:mod:`anm_mj.robot.reduced_model`), whose root body is the base.
 
         Raises:
             RobotError: if a joint is missing, or the base has no free joint.
@@ -113,13 +108,7 @@ class PlanarBase:
     """The same access to a holonomic base: the positions of its three joints are its pose."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, prefix: str, joints: tuple[str, ...]):
-        """Look the joints up by name.
-
-        Args:
-            model: the robot, alone or in a scene.
-            data: of that model.
-            prefix: stands before the robot's names in the scene.
-            joints: two slides along the world's x and y, and a hinge about the base's z.
+        """As :class:`SimulatedBase`, of two slides along the world's x and y, and a hinge about the base's z.
 
         Raises:
             RobotError: if a joint is missing.

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledRobot:
+    """A robot's spec, the model compiled from it, and its state with all poses up to date."""
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    path: Path
+    """The robot's file, for messages."""
 
 
 def subtree(model: mujoco.MjModel, body: int) -> list[int]:

@@ -53,11 +53,7 @@ class CameraConfig:
                 raise RobotError(f"camera.{name} is {value}; give {low} to {high}, or 0 for image_px.")
 
     def image_size(self, image_px: int) -> tuple[int, int]:
-        """Columns and rows of the image [px].
-
-        Args:
-            image_px: what holds for a size that is not set [px].
-        """
+        """Columns and rows of the image [px]; ``image_px`` holds for a size that is not set."""
         return self.width_px or image_px, self.height_px or image_px
 
     def fov_y_deg(self, image_px: int) -> float:

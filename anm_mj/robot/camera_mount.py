@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import T_GL_CV
 from anm_mj.mjcf.poses import body_pose, camera_pose, quaternion_of, set_pose
-from anm_mj.robot.body_tree import unused_name
+from anm_mj.robot.body_tree import CompiledRobot, unused_name
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.camera_search import CAMERA
 from anm_mj.robot.robot_config import CameraPose
@@ -36,50 +36,32 @@ def mount_camera(spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, 
 
 
 def remount_camera(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    name: str,
-    T_world_base: Float[np.ndarray, "4 4"],
-    config: CameraConfig,
-    image_px: int,
+    robot: CompiledRobot, name: str, T_world_base: Float[np.ndarray, "4 4"], config: CameraConfig, image_px: int
 ) -> None:
-    """Change height, tilt and field of view of a camera in the spec.
+    """Change height, tilt and field of view of the camera ``name`` in the spec, as the configuration asks for.
 
-    Args:
-        spec: the robot; its camera is changed in place.
-        model: compiled from it.
-        data: of the model, with up-to-date poses.
-        name: of the camera.
-        T_world_base: base frame to world.
-        config: what is asked for.
-        image_px: width and height of the image where the configuration does not say [px].
+    ``image_px`` is the size of an image where the configuration does not say [px].
     """
     if config.fov_deg:
-        spec.camera(name).fovy = config.fov_y_deg(image_px)
+        robot.spec.camera(name).fovy = config.fov_y_deg(image_px)
     if not (config.height_m or config.tilt_deg):
         return
-    T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(model, data, name)
+    T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(robot.model, robot.data, name)
     if config.height_m:
         T_base_camera[2, 3] = config.height_m
     c, s = math.cos(math.radians(config.tilt_deg)), math.sin(math.radians(config.tilt_deg))
     # About the camera's x axis, which points right: a positive angle lifts the view.
     T_base_camera[:3, :3] = T_base_camera[:3, :3] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    _place(spec, model, data, name, T_world_base, T_base_camera)
+    _place(robot, name, T_world_base, T_base_camera)
 
 
-def upright_camera(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, name: str, T_world_base: Float[np.ndarray, "4 4"]
-) -> str:
+def upright_camera(robot: CompiledRobot, name: str, T_world_base: Float[np.ndarray, "4 4"]) -> str:
     """Turn a camera that is mounted on its side or upside down about its axis until its image is upright.
 
     Its image is square unless the settings say otherwise, so that it shows the same. Arguments as for
-    :func:`remount_camera`.
-
-    Returns:
-        What was done, for the notes; empty where the camera stands upright.
+    :func:`remount_camera`. Returns what was done, for the notes; empty where the camera stands upright.
     """
-    T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(model, data, name)
+    T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(robot.model, robot.data, name)
     ahead = T_base_camera[:3, 2]
     level = np.array([ahead[1], -ahead[0], 0.0])
     if np.linalg.norm(level) < _LEVEL:
@@ -90,18 +72,12 @@ def upright_camera(
     if abs(roll_deg) < _ROLL_DEG:
         return ""
     T_base_camera[:3, 0], T_base_camera[:3, 1] = level, down
-    _place(spec, model, data, name, T_world_base, T_base_camera)
+    _place(robot, name, T_world_base, T_base_camera)
     return f"camera {name} is mounted rolled by {roll_deg:.0f} degrees; its image is turned upright"
 
 
 def _place(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    name: str,
-    T_world_base: Float[np.ndarray, "4 4"],
-    T_base_camera: Float[np.ndarray, "4 4"],
+    robot: CompiledRobot, name: str, T_world_base: Float[np.ndarray, "4 4"], T_base_camera: Float[np.ndarray, "4 4"]
 ) -> None:
-    """Move a camera of the spec to a pose in the base frame."""
-    T_world_body = body_pose(data, int(model.cam_bodyid[model.camera(name).id]))
-    set_pose(spec.camera(name), np.linalg.inv(T_world_body) @ T_world_base @ T_base_camera @ T_GL_CV)
+    T_world_body = body_pose(robot.data, int(robot.model.camera(name).bodyid[0]))
+    set_pose(robot.spec.camera(name), np.linalg.inv(T_world_body) @ T_world_base @ T_base_camera @ T_GL_CV)

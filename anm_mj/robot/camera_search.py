@@ -11,11 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import solid_geoms, unused_name
+from anm_mj.robot.body_tree import CompiledRobot, solid_geoms, unused_name
 from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, RobotConfig
 
 CAMERA = "camera"
-"""Usual name of the camera."""
 _ASIDE_DEG = 30.0
 """A camera looks within this angle of the robot's forward direction, seen from above [deg]."""
 _INSIDE_M = {"file": 0.035, "mounted": 0.005}
@@ -39,14 +38,7 @@ def camera_heading(model: mujoco.MjModel, data: mujoco.MjData, config: RobotConf
     return np.array([ahead[0], ahead[1], 0.0]) / length if length > 0.1 else None
 
 
-def find_camera(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    config: RobotConfig,
-    root: str,
-    T_world_base: Float[np.ndarray, "4 4"],
-    path: Path,
-) -> str:
+def find_camera(robot: CompiledRobot, config: RobotConfig, root: str, T_world_base: Float[np.ndarray, "4 4"]) -> str:
     """Name of the robot's camera: the one given, the one called ``camera``, the only one, or the first that fits.
 
     One that fits looks forward and is no camera of an arm or hand; colour cameras come before depth cameras.
@@ -54,19 +46,19 @@ def find_camera(
     Raises:
         RobotError: if there is none, it is unclear which, or it is not on the robot.
     """
-    root_id = model.body(root).id
+    model, data, root_id = robot.model, robot.data, robot.model.body(root).id
     cameras = _fixed_cameras(model)
     on_robot = [c for c in cameras if model.body_rootid[model.cam_bodyid[c]] == root_id]
     names = {model.camera(c).name: c for c in cameras}
     wanted = config.camera or (CAMERA if CAMERA in names else "")
     if wanted:
         if wanted not in names:
-            raise RobotError(_no_camera(model, data, on_robot, T_world_base, path, f'camera "{wanted}"'))
+            raise RobotError(_no_camera(robot, on_robot, T_world_base, f'camera "{wanted}"'))
         if names[wanted] not in on_robot:
             body = model.body(int(model.cam_bodyid[names[wanted]])).name
             raise RobotError(
-                f"The camera {wanted} of {path} hangs on {body}, the wheels on {root}: they are on different bodies of "
-                "the world; a robot is one body with everything on it."
+                f"The camera {wanted} of {robot.path} hangs on {body}, the wheels on {root}: they are on different "
+                "bodies of the world; a robot is one body with everything on it."
             )
         return wanted
     if len(on_robot) == 1:
@@ -75,14 +67,14 @@ def find_camera(
     if fitting:
         first = [c for c in fitting if not _DEPTH.search(model.camera(c).name)] or fitting
         return model.camera(first[0]).name
-    raise RobotError(_no_camera(model, data, on_robot, T_world_base, path, f'camera named "{CAMERA}"'))
+    raise RobotError(_no_camera(robot, on_robot, T_world_base, f'camera named "{CAMERA}"'))
 
 
-def use_field_of_view(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> None:
+def use_field_of_view(robot: CompiledRobot, name: str) -> None:
     """Give a camera that is described by its sensor its vertical field of view instead."""
-    camera = model.camera(name).id
+    model, camera = robot.model, robot.model.camera(name).id
     if model.cam_sensorsize[camera].any():
-        element = spec.camera(name)
+        element = robot.spec.camera(name)
         element.fovy = math.degrees(
             2.0 * math.atan(model.cam_sensorsize[camera, 1] / 2.0 / model.cam_intrinsic[camera, 1])
         )
@@ -103,11 +95,7 @@ def aside_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
 def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, wheels: str, path: Path) -> None:
     """Accept a camera that looks forward and no more than 45 degrees up or down.
 
-    Args:
-        T_base_camera: camera to base; camera axes x right, y down, z forward.
-        camera: its name.
-        wheels: what sets the forward direction, in words.
-        path: of the robot's file.
+    Camera axes are x right, y down, z forward; ``wheels`` says in words what sets the forward direction.
 
     Raises:
         RobotError: it does not, or it is below the floor, above all rooms or far from the robot.
@@ -152,13 +140,7 @@ def require_field_of_view(fovy_deg: float, camera: str, path: Path) -> None:
 
 
 def require_outside(spec: mujoco.MjSpec, camera: str, source: str, path: Path) -> None:
-    """Accept a camera that is not deep inside the robot's body.
-
-    Args:
-        spec: the robot.
-        camera: its name.
-        source: ``file``, or ``mounted`` by the configuration.
-        path: of the robot's file.
+    """Accept a camera, from the ``file`` or ``mounted`` by the configuration, not deep inside the robot's body.
 
     Raises:
         RobotError: a solid geom surrounds it.
@@ -205,25 +187,18 @@ def _fits(data: mujoco.MjData, camera: int, T_world_base: Float[np.ndarray, "4 4
     return abs(math.degrees(tilt)) <= MAX_TILT_DEG + _ROUNDING_DEG and abs(math.degrees(aside)) <= _ASIDE_DEG
 
 
-def _no_camera(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    cameras: list[int],
-    T_world_base: Float[np.ndarray, "4 4"],
-    path: Path,
-    what: str,
-) -> str:
-    """Says which cameras there are and where they look."""
+def _no_camera(robot: CompiledRobot, cameras: list[int], T_world_base: Float[np.ndarray, "4 4"], what: str) -> str:
+    model = robot.model
     if not cameras:
         others = [model.camera(c).name for c in range(model.ncam) if model.cam_bodyid[c] and _off_duty(model, c)]
         which = f"{', '.join(others)}, which follow something or are orthographic" if others else "none"
         return (
-            f"The robot {path} has no {what}; its cameras are {which}: mount one by --set "
+            f"The robot {robot.path} has no {what}; its cameras are {which}: mount one by --set "
             "model.camera_pose=x,y,z,pitch,fovy, as in 0.05,0,0.3,10,60 (m, m, m, deg down, deg)."
         )
-    fits = {c: "" if _fits(data, c, T_world_base) else " (does not look forward)" for c in cameras}
+    fits = {c: "" if _fits(robot.data, c, T_world_base) else " (does not look forward)" for c in cameras}
     known = ", ".join(model.camera(c).name + fits[c] for c in cameras)
     return (
-        f"The robot {path} has no {what}; its cameras are {known}: name one by --set model.camera=NAME, or mount one "
-        "by --set model.camera_pose=x,y,z,pitch,fovy."
+        f"The robot {robot.path} has no {what}; its cameras are {known}: name one by --set model.camera=NAME, or mount "
+        "one by --set model.camera_pose=x,y,z,pitch,fovy."
     )

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import unused_name
+from anm_mj.robot.body_tree import CompiledRobot, unused_name
 from anm_mj.robot.geom_extent import height_range_m
 
 TOUCHES_FLOOR_M = 0.005
@@ -22,13 +20,7 @@ _SPHERE_M = 0.008
 
 
 def let_casters_slide(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    casters: list[int],
-    root: str,
-    T_world_base: Float[np.ndarray, "4 4"],
-    path: Path,
+    robot: CompiledRobot, casters: list[int], root: str, T_world_base: Float[np.ndarray, "4 4"]
 ) -> list[str]:
     """Remove the friction of caster geoms, whatever the friction of the floor; what was changed besides.
 
@@ -38,14 +30,14 @@ def let_casters_slide(
     Raises:
         RobotError: something reaches far below the wheels.
     """
-    shortened = []
+    spec, model, data, shortened = robot.spec, robot.model, robot.data, []
     for caster in casters:
         name = model.geom(caster).name
         geom = spec.geom(name)
         sinks_m = float(T_world_base[2, 3]) - height_range_m(model, data, caster)[0]
         if sinks_m > _TOO_LOW_M:
             raise RobotError(
-                f"The geom {name} of {path} reaches {100 * sinks_m:.1f} cm below the wheels, so that they do not "
+                f"The geom {name} of {robot.path} reaches {100 * sinks_m:.1f} cm below the wheels, so that they do not "
                 "touch the floor; raise it, or name the wheels that the robot stands on by --set "
                 "model.left_wheel=NAME --set model.right_wheel=NAME."
             )

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from anm_mj.errors import RobotError
 from anm_mj.mjcf.poses import body_pose, camera_pose
 from anm_mj.mjcf.read_mjcf import OutsideError, compile_spec, read_spec
-from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
+from anm_mj.robot.body_tree import CompiledRobot, name_all, solid_geoms, unused_name
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.camera_mount import mount_camera, remount_camera, upright_camera
 from anm_mj.robot.camera_search import (
@@ -101,7 +101,6 @@ class RobotDescription:
     key_frame: str
     """Key frame at which joints were locked; empty = their reference positions."""
     locked: tuple[str, ...]
-    """Names of the locked joints."""
     notes: tuple[str, ...]
     """What else was changed, one sentence each."""
 
@@ -109,13 +108,10 @@ class RobotDescription:
 def describe_robot(
     path: Path, config: RobotConfig | None = None, camera: CameraConfig | None = None, image_px: int = 256
 ) -> RobotDescription:
-    """Read a robot.
+    """Read a robot from an MJCF file.
 
-    Args:
-        path: an MJCF file.
-        config: how to read it where the file leaves that open.
-        camera: what differs from its camera.
-        image_px: width and height of its image where ``camera`` does not say [px].
+    ``config`` says how where the file leaves that open, ``camera`` what differs from its camera, and ``image_px`` the
+    width and height of its image where ``camera`` does not [px].
 
     Raises:
         RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
@@ -154,9 +150,10 @@ def describe_robot(
     if T_root_base is None:
         base_joints = (give_free_joint(spec, drive.root, unused_name("base", spec.joint)),)
 
-    model, data = _at_rest(spec, path)
-    base = _find_base(model, data, drive, T_root_base, path)
-    camera_name, T_base_camera, fovy_deg, rolled = _camera(spec, config, drive, base, path, camera, image_px)
+    robot = _at_rest(spec, path)
+    model, data = robot.model, robot.data
+    base = _find_base(robot, drive, T_root_base)
+    camera_name, T_base_camera, fovy_deg, rolled = _camera(robot, config, drive, base, camera, image_px)
     shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
     if not solid_geoms(model):
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
@@ -182,7 +179,7 @@ def describe_robot(
         top_radps = float("inf")
     if base.wheels and not shell and not casters:
         notes.append("nothing but its wheels is solid: the body meets no obstacle, and the footprint is the wheels'")
-    notes += rolled + let_casters_slide(spec, model, data, casters, drive.root, base.T_world_base, path)
+    notes += rolled + let_casters_slide(robot, casters, drive.root, base.T_world_base)
     model = _compiled(spec, path)
     T_base_world = np.linalg.inv(base.T_world_base)
     return RobotDescription(
@@ -243,27 +240,20 @@ class _Base:
         return float(self.T_world_base[2, 3])
 
 
-def _find_base(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    drive: DriveJoints,
-    T_root_base: Float[np.ndarray, "4 4"] | None,
-    path: Path,
-) -> _Base:
+def _find_base(robot: CompiledRobot, drive: DriveJoints, T_root_base: Float[np.ndarray, "4 4"] | None) -> _Base:
     """The base midway between the wheels, or, of a holonomic one, where ``T_root_base`` says."""
-    root = model.body(drive.root).id
-    T_world_root = body_pose(data, root)
+    root = robot.model.body(drive.root).id
+    T_world_root = body_pose(robot.data, root)
     if T_root_base is not None:
         return _Base(root, T_world_root @ T_root_base, T_root_base, f"the base slides along {drive.planar[0]}")
-    lefts, rights = read_wheels(model, data, drive.left, drive.right, path)
-    T_world_base, track_m, signs = base_frame(lefts, rights, path)
+    lefts, rights = read_wheels(robot.model, robot.data, drive.left, drive.right, robot.path)
+    T_world_base, track_m, signs = base_frame(lefts, rights, robot.path)
     rolls = f"the wheels {', '.join(drive.left)} (left) and {', '.join(drive.right)} (right) roll"
     T_root_base = np.linalg.inv(T_world_root) @ T_world_base
     return _Base(root, T_world_base, T_root_base, rolls, tuple(lefts), tuple(rights), signs, track_m)
 
 
 def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
-    """The wheels of each side as one; none for a holonomic base."""
     if not base.wheels:
         return ()
     return tuple(
@@ -278,41 +268,33 @@ def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
 
 
 def _camera(
-    spec: mujoco.MjSpec,
-    config: RobotConfig,
-    drive: DriveJoints,
-    base: _Base,
-    path: Path,
-    wanted: CameraConfig,
-    image_px: int,
+    robot: CompiledRobot, config: RobotConfig, drive: DriveJoints, base: _Base, wanted: CameraConfig, image_px: int
 ) -> tuple[str, Float[np.ndarray, "4 4"], float, list[str]]:
     """Find or mount the camera: its name, its pose in the base, its vertical field of view [deg], and a note."""
-    note = ""
+    spec, path, note = robot.spec, robot.path, ""
     if config.mounted_camera is not None:
         camera = mount_camera(spec, drive.root, base.T_root_base, config.mounted_camera)
     else:
-        model, data = _at_rest(spec, path)
-        camera = find_camera(model, data, config, drive.root, base.T_world_base, path)
-        if hangs_on_joint(model, int(model.camera(camera).bodyid[0]), {*drive.left, *drive.right}):
+        camera = find_camera(robot, config, drive.root, base.T_world_base)
+        if hangs_on_joint(robot.model, int(robot.model.camera(camera).bodyid[0]), {*drive.left, *drive.right}):
             raise RobotError(f"The camera {camera} of {path} turns with a wheel; mount it on the base rigidly.")
-        use_field_of_view(spec, model, camera)
-        note = upright_camera(spec, model, data, camera, base.T_world_base)
-    model, data = _at_rest(spec, path)
-    remount_camera(spec, model, data, camera, base.T_world_base, wanted, image_px)
-    model, data = _at_rest(spec, path)
-    T_base_camera = np.linalg.inv(base.T_world_base) @ camera_pose(model, data, camera)
+        use_field_of_view(robot, camera)
+        note = upright_camera(robot, camera, base.T_world_base)
+    remount_camera(_at_rest(spec, path), camera, base.T_world_base, wanted, image_px)
+    robot = _at_rest(spec, path)
+    T_base_camera = np.linalg.inv(base.T_world_base) @ camera_pose(robot.model, robot.data, camera)
     require_view_ahead(T_base_camera, camera, base.moves, path)
     require_outside(spec, camera, "mounted" if config.mounted_camera else "file", path)
-    fovy_deg = float(model.cam_fovy[model.camera(camera).id])
+    fovy_deg = float(robot.model.cam_fovy[robot.model.camera(camera).id])
     require_field_of_view(fovy_deg, camera, path)
     return camera, T_base_camera, fovy_deg, [note] if note else []
 
 
-def _at_rest(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def _at_rest(spec: mujoco.MjSpec, path: Path) -> CompiledRobot:
     model = _compiled(spec, path)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    return model, data
+    return CompiledRobot(spec, model, data, path)
 
 
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:

@@ -33,7 +33,6 @@ class DriveJoints:
     kind: str
     """``differential``, ``skid steer`` or ``holonomic``."""
     root: str
-    """The robot's top-level body."""
     left: tuple[str, ...] = ()
     """Hinges of the left wheels; of a skid-steered base the front one first."""
     right: tuple[str, ...] = ()
@@ -47,14 +46,8 @@ def find_drive_joints(
     """Find the driven wheels, or the planar joints.
 
     Names given in the configuration count first, then the names of the joints, then which actuated hinges stand on the
-    floor.
-
-    Args:
-        model: everything in the file, all bodies and joints named.
-        data: with poses up to date.
-        config: names of wheels; whether the robot is skid-steered.
-        path: of the file, for messages.
-        ahead: horizontal direction of the robot's camera in the world; None = unknown.
+    floor. All bodies and joints of the model are named; ``ahead`` is the horizontal direction of the robot's camera in
+    the world, None = unknown.
 
     Raises:
         RobotError: if the file has no such parts, too many driven wheels, or parts of several robots.
@@ -127,7 +120,6 @@ def find_drive_joints(
 
 
 def _given(model: mujoco.MjModel, names: str, side: str, path: Path) -> list[int]:
-    """Joints that the user names."""
     found = []
     for name in (part.strip() for part in names.split(",") if part.strip()):
         joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)

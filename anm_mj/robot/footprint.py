@@ -26,13 +26,7 @@ def robot_footprint(
     data: mujoco.MjData,
     T_world_base: Float[np.ndarray, "4 4"],
 ) -> tuple[Footprint, float]:
-    """The upright cylinder about the base that encloses the robot, and the radius of the robot itself [m].
-
-    Args:
-        model: the robot, joints locked.
-        data: with poses up to date.
-        T_world_base: base to world.
-    """
+    """The upright cylinder about the base that encloses the robot, joints locked, and the robot's own radius [m]."""
     solid = solid_geoms(model)
     floor_z = float(T_world_base[2, 3])
     radius = max(radius_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)

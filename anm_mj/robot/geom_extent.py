@@ -15,14 +15,7 @@ _NUM_DIRECTIONS = 720
 def support_m(
     model: mujoco.MjModel, data: mujoco.MjData, geom: int, directions: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, " n"]:
-    """Support function of a geom: its extent along unit directions of the world, from the world's origin [m].
-
-    Args:
-        model: of the robot or scene.
-        data: with geom poses up to date.
-        geom: index of the geom.
-        directions: unit vectors, world.
-    """
+    """Support function of a geom: its extent along unit directions of the world, from the world's origin [m]."""
     local = directions @ data.geom_xmat[geom].reshape(3, 3)
     return directions @ data.geom_xpos[geom] + _local_support(model, geom, local)
 
@@ -41,7 +34,6 @@ def height_range_m(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tup
 
 
 def _local_support(model: mujoco.MjModel, geom: int, d: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Support function in the axes of the geom [m]."""
     size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.full(len(d), size[0])

@@ -156,7 +156,6 @@ class PlanarKinematics(_Kinematics):
 
 
 Kinematics = RobotKinematics | PlanarKinematics
-"""Of any base."""
 
 
 def kinematics_of(robot: RobotDescription) -> Kinematics:
@@ -169,7 +168,6 @@ def kinematics_of(robot: RobotDescription) -> Kinematics:
 
 
 def _require_parts(model: pin.Model, path: Path) -> None:
-    """Raises RobotError unless the model has all joints and the camera's site."""
     missing = [name for name in (BASE_JOINT, *WHEEL_JOINTS) if not model.existJointName(name)]
     if missing:
         raise RobotError(
@@ -182,7 +180,6 @@ def _require_parts(model: pin.Model, path: Path) -> None:
 
 
 def _require_differential_drive(left: pin.SE3, right: pin.SE3, path: Path) -> None:
-    """Raises RobotError unless the wheels are symmetric on an axle through the base's origin."""
     (xl, yl, zl), (xr, yr, zr) = left.translation, right.translation
     if not (np.allclose([xl, xr, yl + yr, zl - zr], 0.0, atol=1e-9) and yl > 0.0 and zl > 0.0):
         raise RobotError(

@@ -14,17 +14,11 @@ from anm_mj.robot.body_tree import joints_above
 def lock_joints(
     spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, keep: set[str], root: str
 ) -> list[str]:
-    """Weld all bodies of a robot to their parents where they are now, but for the kept joints; names of the others.
+    """Weld all bodies of a robot to their parents where they are, but for the joints in ``keep``; names of the others.
 
-    Joints of the root body stay as well. Actuators and sensors of the locked joints disappear, with all tendons and
-    equalities, which would hold the wheels; gravity acts on all bodies again.
-
-    Args:
-        spec: the robot, all joints named; changed in place.
-        model: compiled from it.
-        data: with poses up to date.
-        keep: joints that stay.
-        root: the robot's top-level body.
+    Joints of ``root``, its top-level body, stay as well. Actuators and sensors of the locked joints disappear, with all
+    tendons and equalities, which would hold the wheels; gravity acts on all bodies again. All joints of the spec, which
+    is changed in place, are named.
     """
     root_id = model.body(root).id
     locked = [
@@ -77,7 +71,6 @@ def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
 
 
 def _frame_pose(spec: mujoco.MjSpec, frame: mujoco._specs.MjsFrame | None) -> Float[np.ndarray, "4 4"]:
-    """Pose of nested frames in their body."""
     pose = np.eye(4)
     while frame is not None:
         quat = np.array(frame.quat)

@@ -21,7 +21,6 @@ LOOK_AHEAD_M = 0.15
 """Distance of the site ``look_ahead`` in front of the axle [m]."""
 BASE_JOINT = "base"
 WHEEL_JOINTS = ("wheel_left", "wheel_right")
-"""Left, right."""
 CAMERA = "camera"
 """Name of the camera's site, with the axes x right, y down, z forward."""
 PLANAR_JOINTS = ("base_x", "base_y", "base_yaw")
@@ -57,13 +56,8 @@ def reduced_mjcf(
 ) -> str:
     """The reduced model of a compiled robot, as MJCF text; all joints but the wheels keep the positions in ``data``.
 
-    Args:
-        model: the robot.
-        data: with positions up to date.
-        root: index of its root body.
-        T_world_base: base to world, for the positions in ``data``.
-        T_base_camera: camera to base; camera axes x right, y down, z forward.
-        wheels: left, right; none for a base that moves by planar joints, which get the names in ``PLANAR_JOINTS``.
+    ``root`` is the index of its root body; camera axes are x right, y down, z forward; ``wheels`` are left and right,
+    or none for a base that moves by planar joints, which get the names in ``PLANAR_JOINTS``.
     """
     T_base_world = np.linalg.inv(T_world_base)
     on_robot = [body for body in range(model.nbody) if model.body_rootid[body] == root]
@@ -106,5 +100,4 @@ def _inertial(
 
 
 def _text(values: Float[np.ndarray, " n"]) -> str:
-    """Numbers at full precision."""
     return " ".join(repr(float(value)) for value in values)

@@ -23,7 +23,6 @@ from anm_mj.utils.read_file import read_bytes
 _logger = logging.getLogger(__name__)
 
 MODELS = data_folder("models")
-"""One folder per builtin robot, and the presets."""
 FOLDERS_VARIABLE = "ANM_MJ_ROBOTS"
 """Environment variable with folders that hold downloaded robots."""
 _MOST_LETTERS = 120
@@ -138,7 +137,6 @@ def _in_folders(preset: RobotPreset) -> Path | None:
 
 
 def _fetched(name: str, preset: RobotPreset | None) -> Path:
-    """The file that the package robot_descriptions has or downloads."""
     by_hand = (
         f"download it from {preset.source} and give its file by --robot PATH, or its folder in {FOLDERS_VARIABLE}"
         if preset
@@ -185,7 +183,6 @@ def _reason(err: Exception) -> str:
 
 
 def _text(file: Path, depth: int = 3) -> str:
-    """Content of an MJCF file and of what it includes."""
     try:
         text = read_bytes(file).decode("utf-8", errors="replace")
     except (OSError, ValueError):

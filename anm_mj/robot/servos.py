@@ -21,13 +21,7 @@ _STICKY_RADPS = 0.1
 def fit_servos(
     spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[str, ...], radius_m: float
 ) -> tuple[tuple[str, ...], float, list[str]]:
-    """Give every wheel one velocity servo [rad/s].
-
-    Args:
-        spec: the robot, all actuators named; changed in place.
-        model: compiled from it.
-        wheels: names of the hinges.
-        radius_m: of the wheels.
+    """Give every wheel (named by its hinge; radius [m]) one velocity servo [rad/s]; the spec is changed in place.
 
     Returns:
         Names of the servos; the highest speed that the file allows [rad/s], infinite without a limit; what was changed.
@@ -60,12 +54,9 @@ def fit_servos(
 
 
 def make_velocity_servo(servo: mujoco._specs.MjsActuator, kv: float, top_force: float) -> None:
-    """Make an added actuator a velocity servo, whatever the file's defaults for actuators say.
+    """Make an actuator added to a joint a velocity servo, whatever the file's defaults for actuators say.
 
-    Args:
-        servo: on a joint; changed in place.
-        kv: its gain [N s/m or N m s/rad].
-        top_force: the largest force or torque that it exerts [N or N m].
+    ``kv`` is its gain [N s/m or N m s/rad], ``top_force`` the largest force or torque that it exerts [N or N m].
     """
     servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     servo.dyntype, servo.actlimited = mujoco.mjtDyn.mjDYN_NONE, False

@@ -31,7 +31,6 @@ class Wheel:
     joint: str
     body: int
     geoms: tuple[int, ...]
-    """Geoms that touch the floor."""
     centre_m: Float[np.ndarray, "3"]
     """Centre of those geoms, on the axle."""
     axis: Float[np.ndarray, "3"]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import mujoco
 import numpy as np
 
 from anm_mj.errors import RobotError, SceneError
@@ -15,9 +14,6 @@ from anm_mj.scene.mjcf import VISUAL_GROUP
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.utils.read_file import read_bytes
-
-if TYPE_CHECKING:
-    import mujoco
 
 
 def build_spec(scene: Scene) -> mujoco.MjSpec:
@@ -75,15 +71,10 @@ def build_model(
 ) -> mujoco.MjModel:
     """The compiled model of a scene, with a robot attached at the origin if one is given.
 
-    The user's cache folder keeps models of large scenes (:mod:`anm_mj.scene.model_cache`).
-
-    Args:
-        scene: the world.
-        robot: one root body with a free joint or planar joints; it is copied.
-        robot_name: its name in messages.
-        robot_hash: identifies the robot in the cache.
-        prefix: prepended to the name of every element of the robot.
-        top_m: height of the robot [m]; the collision boxes are those that it meets. None = those of the scene's file.
+    A copy of ``robot`` (one root body with a free joint or planar joints) is attached, its names behind ``prefix``.
+    ``robot_name`` stands in messages, ``robot_hash`` in the name under which the user's cache folder keeps the models
+    of large scenes. The collision boxes are those that a robot ``top_m`` high meets [m]; None = those of the scene's
+    file.
 
     Raises:
         SceneError: if the scene cannot be read or compiled.
@@ -92,8 +83,6 @@ def build_model(
     other_boxes = top_m is not None and needs_other_boxes(top_m)
 
     def build() -> mujoco.MjModel:
-        import mujoco
-
         spec = build_spec(scene)
         if top_m is not None and other_boxes:
             replace_boxes(spec, scene, top_m)

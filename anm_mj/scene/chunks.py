@@ -6,15 +6,12 @@ Only the model holds chunks; the scene folder keeps whole meshes.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from jaxtyping import Float32, Int, Int32
 
 from anm_mj.scene.mjcf import MIN_VERTICES, VISUAL_GROUP, read_msh
-
-if TYPE_CHECKING:
-    import mujoco
 
 MIN_TRIANGLES = 100_000
 """Smaller scenes render too fast for culling to pay."""
@@ -33,8 +30,6 @@ def cut_into_chunks(spec: mujoco.MjSpec) -> None:
     Raises:
         OSError: if a mesh file cannot be read.
     """
-    import mujoco
-
     assets = Path(spec.modelfiledir) / spec.meshdir
     visual = [geom for geom in spec.worldbody.geoms if geom.group == VISUAL_GROUP and geom.meshname]
     for geom in visual:
@@ -74,9 +69,6 @@ def _chunks_of(vertices: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray) -> None:
-    """Add a mesh of the vertices that faces use."""
-    import mujoco
-
     used, compact = np.unique(faces, return_inverse=True)
     # A lone triangle has too few vertices for a mesh.
     used = np.concatenate([used, np.repeat(used[:1], max(0, MIN_VERTICES - len(used)))])

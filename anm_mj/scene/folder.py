@@ -25,11 +25,11 @@ from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import checked_triangles
 from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
+from anm_mj.utils.files import home_folder
 from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import convert, read_npz, read_toml
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
-"""Entries of a scene folder."""
 INDEX = "imported.txt"
 """File in the user's scenes folder that lists scenes elsewhere, one path per line."""
 
@@ -127,23 +127,18 @@ def default_steps(rooms: int | None) -> int:
 
 
 def _known_scenes() -> dict[str, Path]:
-    """Folders of all scenes that have a name, independent of the current folder.
-
-    Of scenes with the same folder name, the user's scenes folder comes first, then the builtin scenes, then scenes
-    imported elsewhere.
-    """
+    """Folders of all named scenes, wherever the program runs: the user's hide builtin ones, these imported ones."""
     folders = [*remembered_folders(), *(folder for root in _scene_roots() for folder in _scene_folders(root))]
     return {folder.name: folder for folder in folders}
 
 
 def _scene_roots() -> list[Path]:
-    """Folders whose subfolders are scenes: the builtin ones, then the user's."""
     return [data_folder("scenes"), _user_root()]
 
 
 def _user_root() -> Path:
     """The folder of the user's scenes (ANM_MJ_SCENES overrides it)."""
-    data_home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    data_home = os.environ.get("XDG_DATA_HOME") or home_folder() / ".local" / "share"
     return Path(os.environ.get("ANM_MJ_SCENES") or Path(data_home) / "anm_mj" / "scenes").expanduser()
 
 

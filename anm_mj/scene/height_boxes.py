@@ -6,14 +6,11 @@ outline reaches. A lower robot drives under the table, and a higher one meets th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import mujoco
 
 from anm_mj.scene.collision import SLICE_Z_MAX_M, collision_boxes
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.mjcf import BOX_TOP_M, COLLISION_GROUP
-
-if TYPE_CHECKING:
-    import mujoco
 
 _LIKE_M = 0.1
 """Robots that are lower than the boxes' slice by less than this meet the boxes of the scene's file [m]."""
@@ -29,8 +26,6 @@ def replace_boxes(spec: mujoco.MjSpec, scene: Scene, top_m: float) -> None:
 
     Scenes with movable objects keep theirs: the stored triangles do not say which of them move.
     """
-    import mujoco
-
     if spec.worldbody.bodies:
         return
     for geom in [g for g in spec.worldbody.geoms if g.group == COLLISION_GROUP and g.type == mujoco.mjtGeom.mjGEOM_BOX]:

@@ -22,7 +22,6 @@ BOX_TOP_M = 1.5
 """Height of the collision boxes: a little above the slice that they cover [m]."""
 ZNEAR_M = 0.02
 MIN_VERTICES = 4
-"""Fewest vertices of a MuJoCo mesh."""
 _MIN_ZFAR_M = 100.0
 
 
@@ -99,7 +98,6 @@ def scene_mjcf(
 
 
 def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index: int) -> ET.Element:
-    """The body of a movable object, without what is drawn of it."""
     name = f"movable_{index}"
     body = ET.SubElement(world, "body", {"name": name} | _pose(movable.T_world_object))
     ET.SubElement(body, "freejoint", name=name)
@@ -126,7 +124,6 @@ def _pose(T: Float[np.ndarray, "4 4"]) -> dict[str, str]:
 
 
 def _exact(values: Float[np.ndarray, " n"]) -> str:
-    """Numbers of MJCF with nine digits."""
     return " ".join(f"{float(value):.9g}" for value in values)
 
 

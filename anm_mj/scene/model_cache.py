@@ -12,14 +12,12 @@ import logging
 import uuid
 import zlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+
+import mujoco
 
 from anm_mj.scene.folder import ASSETS, Scene
 from anm_mj.utils.files import cache_folder
 from anm_mj.utils.read_file import read_bytes
-
-if TYPE_CHECKING:
-    import mujoco
 
 _logger = logging.getLogger(__name__)
 
@@ -32,15 +30,10 @@ MAX_MODELS = 4
 
 
 def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:
-    """The model that ``build`` makes of a scene and a robot, from the cache if it is there.
+    """The model that ``build`` makes of a scene and a robot (no ``robot_hash``: none), from the cache if it is there.
 
-    Args:
-        scene: the world.
-        robot_hash: says which robot; empty for none.
-        prefix: comes before the names of the robot's elements.
-        build: makes the model.
-
-    Trouble with the cache is logged and otherwise without effect. What ``build`` raises goes to the caller.
+    ``prefix`` precedes the names of the robot's elements. Trouble with the cache is logged and otherwise without
+    effect; what ``build`` raises goes to the caller.
     """
     if scene.num_triangles < MIN_TRIANGLES:
         return build()
@@ -62,9 +55,6 @@ def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[],
 
 
 def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
-    """A name for everything that the model is made from."""
-    import mujoco
-
     made_from = (mujoco.__version__, str(CONVERTER_VERSION), scene.hash, robot_hash, prefix)
     digest = hashlib.sha256("\0".join(made_from).encode())
     digest.update(scene.xml.read_bytes())
@@ -75,9 +65,6 @@ def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
 
 
 def _load(key: str) -> mujoco.MjModel | None:
-    """The model kept under a key, or None if there is none that is whole."""
-    import mujoco
-
     for path in cache_folder("models").glob(f"{key}-*.mjb"):
         try:
             if f"{zlib.crc32(path.read_bytes()):08x}" == path.stem.rpartition("-")[2]:
@@ -91,9 +78,6 @@ def _load(key: str) -> mujoco.MjModel | None:
 
 
 def _store(key: str, model: mujoco.MjModel) -> None:
-    """Keep a model, and forget those that were used longest ago."""
-    import mujoco
-
     folder = cache_folder("models")
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / f".{uuid.uuid4().hex}"

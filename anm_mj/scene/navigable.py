@@ -123,7 +123,6 @@ def _indoors(blocked: Bool[np.ndarray, "rows cols"]) -> Bool[np.ndarray, "rows c
 
 
 def _grid_for(triangles_m: Float[np.ndarray, "f 3 3"]) -> Grid:
-    """The grid of standing places over a scene."""
     size_m = np.ptp(triangles_m.reshape(-1, 3)[:, :2], axis=0)
     coarser = max(1, math.ceil(math.sqrt(float(size_m.prod()) / RESOLUTION_M**2 / MAX_CELLS)))
     cell_m = coarser * RESOLUTION_M

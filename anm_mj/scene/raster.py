@@ -57,14 +57,17 @@ def clip_to_slab(
     inside = triangles_m[(z.max(axis=1) >= z_min_m) & (z.min(axis=1) <= z_max_m)].astype(np.float64)
     z = inside[:, :, 2]
     whole = (z.min(axis=1) >= z_min_m) & (z.max(axis=1) <= z_max_m)
-    cut = _clip(_clip(inside[~whole], z_min_m, 1.0), z_max_m, -1.0)
+    cut = clip(clip(inside[~whole], z_min_m, 1.0), z_max_m, -1.0)
     polygons = np.concatenate([inside[whole][:, [0, 1, 2, 2, 2]], cut])
     return polygons[:, :, :2]
 
 
-def _clip(polygons: Float64[np.ndarray, "n k 3"], bound_m: float, sign: float) -> Float64[np.ndarray, "n l 3"]:
-    """Convex polygons clipped to ``sign * (z - bound) >= 0`` (Sutherland-Hodgman)."""
-    num, corners = polygons.shape[:2]
+def clip(polygons: Float64[np.ndarray, "n k d"], bound_m: float, sign: float) -> Float64[np.ndarray, "n l d"]:
+    """Convex polygons clipped to ``sign * (z - bound) >= 0`` (Sutherland-Hodgman); short ones repeat their last corner.
+
+    A corner is x, y, z [m] and whatever else is linear over the polygon.
+    """
+    num, corners, size = polygons.shape
     height = sign * (polygons[:, :, 2] - bound_m)
     following = np.roll(polygons, -1, axis=1)
     height_following = np.roll(height, -1, axis=1)
@@ -72,7 +75,7 @@ def _clip(polygons: Float64[np.ndarray, "n k 3"], bound_m: float, sign: float) -
     share = np.divide(height, height - height_following, out=np.zeros_like(height), where=crossing)
     cuts = polygons + share[:, :, None] * (following - polygons)
     # Each corner may give itself and the cut of the edge behind it, in this order.
-    points = np.stack([polygons, cuts], axis=2).reshape(num, 2 * corners, 3)
+    points = np.stack([polygons, cuts], axis=2).reshape(num, 2 * corners, size)
     kept = np.stack([height >= 0, crossing], axis=2).reshape(num, 2 * corners)
     order = np.argsort(~kept, axis=1, kind="stable")[:, : corners + 1]
     # A polygon that merely touches the plane keeps at least one corner, so slot 0 is always valid.

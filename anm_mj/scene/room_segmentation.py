@@ -41,7 +41,6 @@ class Door:
     """Width between the walls, exact to a cell [m]."""
     rooms: tuple[int, int]
     fits: bool
-    """Whether the robot fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +80,9 @@ def segment_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) 
 def segment_floor(
     free: Bool[np.ndarray, "r c"], cell_m: float
 ) -> tuple[Int[np.ndarray, "r c"], Float64[np.ndarray, "r c"]]:
-    """Label every free cell with its room, from 1; 0 elsewhere. Also the distance of each cell to the walls [m].
+    """Label every free cell (floor without walls; furniture is none) with its room, from 1; 0 elsewhere.
 
-    Args:
-        free: floor without walls; furniture does not count as a wall.
-        cell_m: size of the cells [m].
+    Cells are ``cell_m`` wide [m]. Also the distance of each cell to the walls [m].
     """
     from skimage.morphology import h_maxima
     from skimage.segmentation import watershed

@@ -38,7 +38,6 @@ class Submesh:
     """The part of the source that it belongs to, such as a model and its link, outermost first, joined by "/"."""
 
     def __post_init__(self) -> None:
-        """Check that the numbers fit together."""
         if not np.isfinite(self.vertices_m).all():
             bad = int(np.count_nonzero(~np.isfinite(self.vertices_m).all(axis=1)))
             raise SceneError(

@@ -88,13 +88,13 @@ def write_scene(
     movables: tuple[Movable, ...] = (),
     on_area: Callable[[NavigableArea], None] = lambda area: None,
 ) -> Scene:
-    """Write a scene folder and read it back.
+    """Write a scene folder and read it back; the submeshes lie in the world (z up, floor at z = 0) [m].
 
-    Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) follow
-    from the submeshes. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
+    Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) follow from
+    them. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
 
     Args:
-        submeshes: Everything in the scene, in the world (z up, floor at z = 0) [m].
+        submeshes: Everything in the scene.
         info: Name, origin and licence.
         out: The scene folder to make.
         starts: Start poses, the default one first; None to choose them.
@@ -177,7 +177,6 @@ def _require_width(area: NavigableArea, name: str) -> None:
 
 
 def _single(submeshes: list[Submesh]) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-    """Vertices and faces of submeshes, as they are stored."""
     vertices, faces = merge_geometry(submeshes)
     return vertices.astype(np.float32), faces.astype(np.int32)
 
@@ -235,7 +234,6 @@ def check_destination(out: Path, overwrite: bool = True) -> None:
 
 
 def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:
-    """Write one mesh per submesh and each texture once; what was drawn, in order."""
     assets.mkdir()
     drawn, texture_files = [], {}
     for i, submesh in enumerate(submeshes):
@@ -263,7 +261,6 @@ def _content_hash(submeshes: list[Submesh], obstacles: list[Submesh], movables: 
 
 
 def _toml(entries: dict[str, object]) -> str:
-    """Entries as TOML, without those that are None."""
     # JSON's strings, numbers, booleans and arrays are TOML's too, except for the delete character.
     texts = {key: json.dumps(value, ensure_ascii=False) for key, value in entries.items() if value is not None}
     return "".join(f"{key} = {text}\n" for key, text in texts.items()).replace("\x7f", "\\u007f")

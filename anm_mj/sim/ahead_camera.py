@@ -44,10 +44,7 @@ class AheadCamera(Camera):
     """Renders with another camera, in one thread that does nothing else."""
 
     def __init__(self, make: Callable[[], Camera]) -> None:
-        """Make the camera in its thread: a GL context belongs to one.
-
-        Args:
-            make: makes the camera.
+        """Make the camera by ``make``, in its thread: a GL context belongs to one.
 
         Raises:
             RenderError: of ``make``.
@@ -73,14 +70,13 @@ class AheadCamera(Camera):
     def begin(self, data: mujoco.MjData) -> None:
         """Begin the image after those that were begun, and return at once.
 
-        Args:
-            data: with all poses up to date; it must not change before the image is given out or given up.
+        ``data`` has all poses up to date, and must not change before the image is given out or given up.
         """
         if not self._closed:
             self._begun.append(_Begun(data, self._thread.submit(self._render_beside, data)))
 
     def give_up(self, keep: int = 0) -> None:
-        """Forget the images that were begun, but for so many of the first; what they were made of may change then."""
+        """Forget the images that were begun, but for the first ``keep``; what they were made of may change then."""
         # From the last on, so that none is started while another one is waited for.
         while len(self._begun) > keep:
             image = self._begun.pop().image

@@ -29,13 +29,7 @@ class Camera(ABC):
     """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
 
     def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
-        """Look up a perspective camera.
-
-        Args:
-            model: the simulated world.
-            camera_name: a camera with a vertical field of view (``fovy``).
-            width: columns [px].
-            height: rows [px].
+        """Look up a perspective camera, given by a vertical field of view (``fovy``); the image's size is in pixels.
 
         Raises:
             RenderError: if there is no such camera, or a sensor size defines it.
@@ -64,13 +58,9 @@ class Camera(ABC):
 
     @abstractmethod
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and depth of the present state, in new arrays.
+        """Colour and planar z [m] of the present state, in new arrays; NaN without a hit within the model's ``zfar``.
 
-        Args:
-            data: with body and camera poses up to date (``mj_kinematics`` and ``mj_camlight``, or ``mj_forward``).
-
-        Returns:
-            RGB, and planar z [m]; NaN without a hit within the model's ``zfar``.
+        ``data`` has body and camera poses up to date (``mj_kinematics`` and ``mj_camlight``, or ``mj_forward``).
 
         Raises:
             RenderError: after ``close``, where the camera holds resources.

@@ -24,15 +24,9 @@ _SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast")
 def make_camera(
     model: mujoco.MjModel, camera_name: str, width: int, height: int, *, cull_face: bool, backend: GlBackend
 ) -> Camera:
-    """A camera of the kind that ``camera_kind`` chooses.
+    """A camera of the kind that ``camera_kind`` chooses; other arguments as for :class:`Camera`.
 
-    Args:
-        model: the simulated world.
-        camera_name: a camera with a vertical field of view (``fovy``).
-        width: columns [px].
-        height: rows [px].
-        cull_face: skip back faces; GL only.
-        backend: the selected GL back-end.
+    ``cull_face`` skips back faces, with GL only; ``backend`` is the selected GL back-end.
 
     Raises:
         RenderError: if there is no such camera, or GL has stopped working.
@@ -44,7 +38,7 @@ def make_camera(
     if kind == MujocoRayCamera.kind:
         _logger.warning(
             "MuJoCo's ray caster renders the images: tenths of a second each and one colour per mesh. "
-            "`pip install 'anm-mj[embree]'` renders them ten times as fast and with textures."
+            "`pip install embreex` renders them ten times as fast and with textures."
         )
         return MujocoRayCamera(model, camera_name, width, height)
     require_unforked()

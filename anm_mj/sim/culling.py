@@ -36,12 +36,9 @@ class Culling:
     """Selects the meshes that a camera must render."""
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics, *, znear_m: float):
-        """Compute bounding boxes of the static meshes; all other geoms are always rendered.
+        """Compute bounding boxes of the static meshes, which must not change; all other geoms are always rendered.
 
-        Args:
-            model: its meshes and their poses must not change.
-            intrinsics: of the camera.
-            znear_m: distance of the near plane [m].
+        ``znear_m`` is the distance of the near plane [m].
         """
         still = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid] == 0)
         self._geoms = np.flatnonzero(still & np.isin(model.geom_group, VISIBLE_GROUPS))
@@ -54,11 +51,7 @@ class Culling:
         self._judged_at_m = np.zeros((len(self._geoms), 3))
 
     def start_image(self, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
-        """Project all meshes into a new image and predict the occluded ones.
-
-        Args:
-            T_world_camera: Camera to world; camera axes x right, y down, z forward.
-        """
+        """Project all meshes into a new image and predict the occluded ones; camera axes x right, y down, z forward."""
         self._position_m = T_world_camera[:3, 3]
         corners = (self._corners_m - self._position_m) @ T_world_camera[:3, :3]
         z = corners[:, :, 2]
@@ -87,10 +80,9 @@ class Culling:
         return self._geoms[~self._in_view | self._skipped]
 
     def accept(self, depth_m: Float32[np.ndarray, "h w"]) -> bool:
-        """Verify an image; False if some skipped meshes may be visible, which ``skipped_geoms`` then omits.
+        """Verify an image by its planar depth [m], NaN without a hit.
 
-        Args:
-            depth_m: planar z of the image [m]; NaN without a hit.
+        False if some skipped meshes may be visible, which ``skipped_geoms`` then omits.
         """
         if not self._opaque:
             return True
@@ -152,12 +144,10 @@ def _doubled(cells: Float32[np.ndarray, "r c"], axis: int) -> list[Float32[np.nd
 
 
 def _log2(counts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Largest i with 2^i <= count."""
     return np.frexp(counts.astype(np.float64))[1].astype(np.int64) - 1
 
 
 def _box_corners(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float64[np.ndarray, "n 8 3"]:
-    """Corners of the bounding boxes of static geoms, world [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     signs = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
@@ -168,7 +158,6 @@ def _box_corners(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float64
 
 
 def _has_glass(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> bool:
-    """True if a geom or a texture of the model may be transparent."""
     materials = model.geom_matid[geoms]
     opacity = np.where(materials >= 0, model.mat_rgba[materials, 3] if model.nmat else 1.0, model.geom_rgba[geoms, 3])
     return bool((opacity < 1.0).any() or (model.tex_nchannel == 4).any())

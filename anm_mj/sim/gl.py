@@ -126,7 +126,6 @@ class ProbeError(Exception):
 
 
 def _imported_backend() -> str | None:
-    """The back-end of an already imported mujoco, or None before its import."""
     if "mujoco" not in sys.modules:
         return None
     bound = [name for name in ("egl", "osmesa", "cgl", "glfw") if f"mujoco.{name}" in sys.modules]
@@ -137,9 +136,6 @@ def _probe_cached(name: str) -> str:
     """The GL_RENDERER string of a working back-end, from the cache after its first success.
 
     Failures are not cached: the user will install something and try again.
-
-    Raises:
-        ProbeError: if the back-end does not work.
     """
     path = _cache_path(name)
     try:
@@ -157,7 +153,6 @@ def forget_backend(name: str) -> None:
 
 
 def _cache_path(name: str) -> Path:
-    """Cache file for this machine, version of mujoco and device."""
     key = (
         platform.node(),
         platform.release(),

@@ -44,16 +44,11 @@ class GlCamera(Camera):
         cull_face: bool = True,
         cull_hidden: bool | None = None,
     ):
-        """Upload the model's meshes and textures to GL.
+        """Upload the model's meshes and textures to GL; its number of geoms must not change afterwards.
 
-        Args:
-            model: the simulated world; its number of geoms must not change afterwards.
-            camera_name: a camera with a vertical field of view (``fovy``).
-            width: columns [px].
-            height: rows [px].
-            cull_face: skip back faces: a third faster, but single-sided walls become transparent from behind.
-            cull_hidden: skip meshes that are out of view or occluded, with bit-identical images. None: only for models
-                with enough triangles to save time.
+        ``cull_face`` skips back faces: a third faster, but single-sided walls become transparent from behind.
+        ``cull_hidden`` skips meshes that are out of view or occluded, with bit-identical images; None: only for models
+        with enough triangles to save time. Other arguments as for :class:`Camera`.
 
         Raises:
             RenderError: if there is no such camera, or GL cannot render.
@@ -104,7 +99,6 @@ class GlCamera(Camera):
     def _draw(
         self, data: mujoco.MjData, skipped: Int[np.ndarray, " n"]
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and depth of all visible geoms but the skipped ones."""
         categories = mujoco.mjtCatBit.mjCAT_STATIC | mujoco.mjtCatBit.mjCAT_DYNAMIC
         groups = self._model.geom_group[skipped].copy()
         try:
@@ -143,17 +137,12 @@ class GlCamera(Camera):
 
 
 def _close(camera: weakref.ref[GlCamera]) -> None:
-    """Close a camera that still exists."""
     if (open_one := camera()) is not None:
         open_one.close()
 
 
 def _make_contexts(model: mujoco.MjModel, width: int, height: int) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
-    """GL and MuJoCo contexts with an off-screen buffer of this size.
-
-    Raises:
-        RenderError: if the back-end does not work, or has stopped working.
-    """
+    """GL and MuJoCo contexts with an off-screen buffer of this size."""
     backend = os.environ.get("MUJOCO_GL", "")
     gl_context = None
     try:

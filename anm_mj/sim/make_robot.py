@@ -139,11 +139,7 @@ def _require_range(sensor: SensorConfig, far_m: float) -> None:
 
 
 def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:
-    """The given start, or the first one of the scene.
-
-    Raises:
-        SceneError: if the robot cannot stand there.
-    """
+    """The given start, or the first one of the scene; raises SceneError if the robot cannot stand there."""
     if start is None:
         if not scene.starts:
             raise SceneError(f"Scene {scene.name} names no start pose; give one (x, y, yaw).")

@@ -10,7 +10,6 @@ class MipmapTextures:
     """Textures with their mip levels, each half the size of the previous one."""
 
     def __init__(self, textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]):
-        """Build the mip levels of every texture down to one texel."""
         levels = [_mip_levels(texture) for texture in textures] or [[np.full((1, 1, 3), 255, np.uint8)]]
         deepest = max(len(level) for level in levels)
         shapes = np.array(
@@ -42,11 +41,7 @@ class MipmapTextures:
     ) -> Float32[np.ndarray, "n 3"]:
         """Colours in 0..255 at texture coordinates (v down; the texture repeats outside 0..1).
 
-        Args:
-            texture: index of the texture.
-            uv: texture coordinates.
-            texels_per_pixel: size of a pixel in the texture; selects the mip level, whose four nearest texels are
-                interpolated.
+        The size of a pixel in the texture selects the mip level, whose four nearest texels are interpolated.
         """
         level = np.round(np.log2(np.maximum(texels_per_pixel, 1.0))).astype(np.int64)
         level = np.minimum(level, self._first.shape[1] - 1)
@@ -68,7 +63,6 @@ class MipmapTextures:
         next_col: Int64[np.ndarray, " n"],
         share: Float32[np.ndarray, "n 1"],
     ) -> Float32[np.ndarray, "n 3"]:
-        """Linear interpolation between two texels of a line."""
         left = self._packed[line + col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
         right = self._packed[line + next_col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
         return left + share * (right - left)

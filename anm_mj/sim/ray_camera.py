@@ -29,7 +29,6 @@ class _RayCamera(Camera):
     def _images(
         self, rgb: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Reshape colours in 0..255 and depths to images."""
         shape = (self._intrinsics.height, self._intrinsics.width)
         return (rgb + 0.5).clip(0.0, 255.0).astype(np.uint8).reshape(*shape, 3), depth_m.reshape(shape)
 

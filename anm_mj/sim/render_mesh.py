@@ -103,7 +103,6 @@ def texture_of(model: mujoco.MjModel, geom: int) -> int:
 
 
 def _rgba(model: mujoco.MjModel) -> Float32[np.ndarray, "n 4"]:
-    """Colour and opacity of every geom, or of its material."""
     if not model.nmat:
         return model.geom_rgba.copy()
     # As in MuJoCo, the colour of a geom overrides that of its material.

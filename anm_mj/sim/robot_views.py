@@ -19,7 +19,6 @@ SIDES = ("from the front", "from its left", "from above")
 _FOVY_DEG = 12.0
 _RED, _BLUE = (0.85, 0.15, 0.1, 0.45), (0.1, 0.35, 0.9, 1.0)
 _NOTHING = (238, 240, 243)
-"""Colour where nothing is; as in the views of scenes."""
 
 
 def robot_views(
@@ -31,16 +30,9 @@ def robot_views(
     backend: GlBackend,
     size_px: int = 420,
 ) -> list[UInt8[np.ndarray, "_ _ 3"]]:
-    """The robot on a floor from the front, from its left and from above (x to the right).
+    """The robot on a floor from the front, from its left and from above (x to the right), with its footprint in red.
 
-    Args:
-        spec: the robot alone; it is copied.
-        root: its top-level body.
-        T_root_base: base to root body.
-        T_base_camera: camera to base; camera axes x right, y down, z forward.
-        footprint: drawn in red.
-        backend: the selected GL back-end.
-        size_px: width and height of each picture [px].
+    ``spec``, the robot alone with the top-level body ``root``, is copied; camera axes are x right, y down, z forward.
     """
     drawn = spec.copy()
     for geom in drawn.geoms:

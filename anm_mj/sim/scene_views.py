@@ -26,11 +26,9 @@ CUT_M = 2.0
 NOTHING = (238, 240, 243)
 """Colour of the top view where nothing is; walls and floors may be white."""
 _COMPARED_PX = 96
-"""Width and height of the compared images [px]."""
 _SAME_M = 0.02
 """Depths that differ by more belong to different surfaces [m]."""
 _EXACT_M = 0.001
-"""Largest error of an exact depth [m]."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +45,7 @@ class SceneViews:
     """Renders a scene from arbitrary poses."""
 
     def __init__(self, scene: Scene, backend: GlBackend):
-        """Compile the scene.
-
-        Args:
-            scene: the scene to render.
-            backend: the selected GL back-end; ray casting renders where it is off.
+        """Compile the scene; ray casting renders where the GL back-end is off.
 
         Raises:
             SceneError: if the scene cannot be compiled.
@@ -115,7 +109,6 @@ class SceneViews:
     def _render_from(
         self, camera: Camera, pose: Pose2
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Render colour and depth from camera height above a pose."""
         self._data.mocap_pos[0] = (pose.x_m, pose.y_m, EYE_HEIGHT_M)
         self._data.mocap_quat[0] = (math.cos(pose.yaw_rad / 2), 0.0, 0.0, math.sin(pose.yaw_rad / 2))
         mujoco.mj_kinematics(self._model, self._data)
@@ -124,7 +117,6 @@ class SceneViews:
 
 
 def _same(a: Float32[np.ndarray, "h w"], b: Float32[np.ndarray, "h w"], tolerance_m: float) -> float:
-    """Fraction of pixels with the same depth, or without depth in both."""
     return float(((np.abs(a - b) < tolerance_m) | (np.isnan(a) & np.isnan(b))).mean())
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
-
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
@@ -15,20 +12,11 @@ from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
+from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
-
-
-@runtime_checkable
-class AnticipatingDrive(Protocol):
-    """A drive that knows where actions will bring the robot."""
-
-    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
-        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
-        ...
-
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -156,7 +144,7 @@ class SimRobot:
 
     def anticipate(self, *actions: Action) -> None:
         """Begin the images after actions, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
-        if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, AnticipatingDrive):
+        if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, KinematicDrive):
             return
         pairs = zip(self._coming, actions, strict=False)
         wrong = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
@@ -172,7 +160,6 @@ class SimRobot:
             self._camera.begin(coming)
 
     def _forget_coming(self) -> None:
-        """Forget the states whose images were given out or given up."""
         if isinstance(self._camera, AheadCamera):
             done = len(self._coming) - self._camera.num_begun
             self._spare += [data for _, data in self._coming[:done]]
@@ -187,9 +174,7 @@ class SimRobot:
     def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
         """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state.
 
-        Args:
-            pose: where the robot starts.
-            seed: of the sensor's errors from now on; None = as before.
+        ``seed`` is that of the sensor's errors from now on; None = as before.
         """
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)

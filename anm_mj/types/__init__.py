@@ -7,66 +7,36 @@ observations +inf where the sensor looked farther than its range and NaN where i
 ones ``[layer, row, col]`` with layer along world z.
 """
 
-from anm_mj.types.map import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    FormerRun,
-    MapUpdate,
-    OccupancyGrid,
-    SdfQuery,
-    SurfaceChange,
-    SurfaceErrors,
-    SurfacePoints,
-    TrainingEffort,
-)
-from anm_mj.types.motion import (
-    ARRIVED_M,
-    FORWARD_STEP_M,
-    NEAR_TARGET_M,
-    TURN_STEP_RAD,
-    Action,
-    ActionResult,
-    MotionResult,
-    StopReason,
-    Twist,
-    WheelSpeeds,
-)
-from anm_mj.types.observation import Footprint, Intrinsics, Observation, PixelState, Pose2, TrueView
-from anm_mj.types.plan import Candidate, Plan, Region, TopDownMap, UnexploredPatch, VoronoiGraph
-
-__all__ = [
-    "ARRIVED_M",
-    "FORWARD_STEP_M",
-    "FREE",
-    "NEAR_TARGET_M",
-    "OCCUPIED",
-    "TURN_STEP_RAD",
-    "UNKNOWN",
-    "Action",
-    "ActionResult",
-    "Candidate",
-    "Footprint",
-    "FormerRun",
-    "Intrinsics",
-    "MapUpdate",
-    "MotionResult",
-    "Observation",
-    "OccupancyGrid",
-    "PixelState",
-    "Plan",
-    "Pose2",
-    "Region",
-    "SdfQuery",
-    "StopReason",
-    "SurfaceChange",
-    "SurfaceErrors",
-    "SurfacePoints",
-    "TopDownMap",
-    "TrainingEffort",
-    "TrueView",
-    "Twist",
-    "UnexploredPatch",
-    "VoronoiGraph",
-    "WheelSpeeds",
-]
+from anm_mj.types.map import FREE as FREE
+from anm_mj.types.map import OCCUPIED as OCCUPIED
+from anm_mj.types.map import UNKNOWN as UNKNOWN
+from anm_mj.types.map import ExploredState as ExploredState
+from anm_mj.types.map import MapUpdate as MapUpdate
+from anm_mj.types.map import OccupancyGrid as OccupancyGrid
+from anm_mj.types.map import SdfQuery as SdfQuery
+from anm_mj.types.map import SurfaceChange as SurfaceChange
+from anm_mj.types.map import SurfaceErrors as SurfaceErrors
+from anm_mj.types.map import SurfacePoints as SurfacePoints
+from anm_mj.types.map import TrainingEffort as TrainingEffort
+from anm_mj.types.motion import ARRIVED_M as ARRIVED_M
+from anm_mj.types.motion import FORWARD_STEP_M as FORWARD_STEP_M
+from anm_mj.types.motion import NEAR_TARGET_M as NEAR_TARGET_M
+from anm_mj.types.motion import TURN_STEP_RAD as TURN_STEP_RAD
+from anm_mj.types.motion import Action as Action
+from anm_mj.types.motion import ActionResult as ActionResult
+from anm_mj.types.motion import MotionResult as MotionResult
+from anm_mj.types.motion import StopReason as StopReason
+from anm_mj.types.motion import Twist as Twist
+from anm_mj.types.motion import WheelSpeeds as WheelSpeeds
+from anm_mj.types.observation import Footprint as Footprint
+from anm_mj.types.observation import Intrinsics as Intrinsics
+from anm_mj.types.observation import Observation as Observation
+from anm_mj.types.observation import PixelState as PixelState
+from anm_mj.types.observation import Pose2 as Pose2
+from anm_mj.types.observation import TrueView as TrueView
+from anm_mj.types.plan import Candidate as Candidate
+from anm_mj.types.plan import Plan as Plan
+from anm_mj.types.plan import Region as Region
+from anm_mj.types.plan import TopDownMap as TopDownMap
+from anm_mj.types.plan import UnexploredPatch as UnexploredPatch
+from anm_mj.types.plan import VoronoiGraph as VoronoiGraph

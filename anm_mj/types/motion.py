@@ -35,7 +35,7 @@ class StopReason(StrEnum):
     NO_REACHABLE_TARGET = "NO_REACHABLE_TARGET"
     """Something is unexplored, but no path leads to it."""
     RETURNED = "RETURNED"
-    """The robot is back at its start, because the budget allowed no more than the way back."""
+    """The robot is back at its start, because the budget allowed no more than the return."""
     STUCK = "STUCK"
     """The robot collided again and again without a free step in between."""
     SENSOR_FAULT = "SENSOR_FAULT"

@@ -98,7 +98,7 @@ class Plan:
     actions: tuple[Action, ...] = ()
     """Actions to execute as they are (a bootstrap rotation, a random move); path and headings are then empty."""
     valid_steps: int = 0
-    """The policy decides anew after this many steps, even before the robot reaches the target; 0 = not before."""
+    """The policy decides again after this many steps, even before the robot reaches the target; 0 = not before."""
     stop: StopReason | None = None
     """Ends the run for this reason; None: go on."""
     unexplored: tuple[UnexploredPatch, ...] = ()

@@ -9,14 +9,7 @@ from jaxtyping import Bool, Int, Shaped
 def embed(
     array: Shaped[np.ndarray, "..."], shape: tuple[int, ...], start: Int[np.ndarray, " axes"], fill: float | np.generic
 ) -> Shaped[np.ndarray, "..."]:
-    """A larger array that contains a smaller one.
-
-    Args:
-        array: the smaller one; may be empty.
-        shape: size of the larger one.
-        start: index of the smaller one's first cell in the larger one.
-        fill: value of all other cells.
-    """
+    """A larger array that contains a smaller, perhaps empty one from the index ``start`` on; ``fill`` elsewhere."""
     # np.pad does the same and takes several times as long.
     larger = np.full(shape, fill, array.dtype)
     larger[tuple(slice(int(a), int(a) + n) for a, n in zip(start, array.shape, strict=True))] = array

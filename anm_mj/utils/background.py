@@ -16,12 +16,6 @@ class Background:
     """
 
     def __init__(self, name: str, room: int) -> None:
-        """Nothing is started before the first task.
-
-        Args:
-            name: Of the thread.
-            room: Tasks that may wait.
-        """
         self._name = name
         self._tasks: Queue[Callable[[], object] | None] = Queue(room)
         self._thread: threading.Thread | None = None

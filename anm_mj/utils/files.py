@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import tempfile
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -61,12 +62,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str]) -> None:
-    """Write a safetensors file, from the memory that the arrays lie in.
-
-    Args:
-        path: the file.
-        arrays: what it holds, by name, in C order.
-        said: texts of its header.
+    """Write a safetensors file of arrays in C order, from the memory that they lie in, and the texts of its header.
 
     Raises:
         OSError: it cannot be written.
@@ -84,9 +80,17 @@ def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str
     path.chmod(mode)
 
 
+def home_folder() -> Path:
+    """The user's home; for a user who has none, as in a container, a folder of its own below the temporary ones."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return Path(tempfile.gettempdir()) / f"anm_mj-{os.getuid()}"
+
+
 def cache_folder(name: str = "") -> Path:
     """A folder in the user's cache (``XDG_CACHE_HOME`` or ``~/.cache``); its content may be deleted at any time."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / name
+    return Path(os.environ.get("XDG_CACHE_HOME") or home_folder() / ".cache") / "anm_mj" / name
 
 
 def store_in_cache(path: Path, content: bytes) -> None:

@@ -17,7 +17,6 @@ from anm_mj.utils.read_file import open_regular
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF", "GIF", "PPM", "DDS")
 """Formats that are decoded; others may start programs, as EPS does."""
 MAX_MEGAPIXELS = 100.0
-"""Larger pictures are refused."""
 
 _OF_DECODERS = (SyntaxError, struct.error, zlib.error, EOFError, IndexError, OverflowError)
 """What decoders raise for damaged pixels, beside OSError and ValueError."""

@@ -32,7 +32,7 @@ class RayCaster:
 
     def __init__(self, vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
         if not embree_installed():
-            raise RayCastError("Ray casting needs the package embreex; install it with pip install 'anm-mj[embree]'.")
+            raise RayCastError("Ray casting needs the package embreex; install it with pip install embreex.")
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 

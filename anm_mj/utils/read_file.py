@@ -224,13 +224,11 @@ def read_table(path: Path) -> np.ndarray:
 
 
 def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:
-    """Size that the header of an array in an archive states [bytes]."""
     with archive.open(info) as member:
         return _array_bytes(member)
 
 
 def _array_bytes(file: Any) -> int:
-    """Size that the header of an array states [bytes]."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)

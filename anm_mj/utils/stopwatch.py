@@ -11,7 +11,6 @@ class Stopwatch:
     """Adds up wall milliseconds by stage name."""
 
     def __init__(self) -> None:
-        """Start without stages."""
         self.ms: dict[str, float] = {}
 
     @contextmanager

@@ -20,12 +20,13 @@ from PIL import Image
 
 from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
-from anm_mj.io.run_events import Completed, Started
+from anm_mj.io.run_events import Completed, Mapped, Started
 from anm_mj.protocols import Mapper
-from anm_mj.types import Observation, Plan
+from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, script_json
-from anm_mj.viz.page_server import FIRST_PORT, PageServer
+from anm_mj.viz.file_server import FIRST_PORT
+from anm_mj.viz.page_server import PageServer
 
 logger = logging.getLogger(__name__)
 
@@ -74,6 +75,7 @@ class MeshcatViewer:
         self._failed = False
         self._started: Started | None = None
         self._trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
+        self._curve: list[tuple[int, float]] = []
         self._plan: Plan | None = None
         self._begin_s = time.perf_counter()
         self._mesh_s = 0.0
@@ -96,12 +98,13 @@ class MeshcatViewer:
         elif isinstance(event, Stepped):
             self.show(event.observation, event.mapper, event.plan)
             if self._started is not None:
-                completed = _completed(self._started.completed())
-                self.progress(event.step, self._started.num_steps, completed)
+                self.progress(event.step, self._started.num_steps, self._started.completed())
+        elif isinstance(event, Mapped):
+            self.show(event.observation, event.mapper, event.plan)
+            if self._started is not None:
+                self.progress(event.observation.step + 1, self._started.num_steps, None)
         elif isinstance(event, Ended):
-            self._server.say(
-                "ended", {"ended": f"The run has ended after {event.num_steps} steps: {event.stop_reason}."}
-            )
+            self._server.say("ended", {"ended": f"{_end(event)} Replay it: anm-mj view runs/latest"})
 
     def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
         """Show the present state; returns quickly, and an error disables the view but not the run."""
@@ -123,15 +126,18 @@ class MeshcatViewer:
             logger.exception("An error disabled the live view; the run continues.")
             self._failed = True
 
-    def progress(self, step: int, num_steps: int, completed: str) -> None:
+    def progress(self, step: int, num_steps: int, row: Completed | None) -> None:
         """Tell the page how far the run is.
 
         Args:
             step: Steps so far.
             num_steps: The budget.
-            completed: How much is done, in words; empty = not measured.
+            row: The newest point of the completion curve; None = not measured.
         """
-        self._server.say("progress", {"step": step, "num_steps": num_steps, "completed": completed})
+        status = {"step": step, "num_steps": num_steps, "completed": _completed(row)}
+        if row is not None and (not self._curve or row.step != self._curve[-1][0]):
+            self._curve.append((row.step, _percent(row)))
+        self._server.say("progress", status | {"curve": self._curve})
 
     def close(self) -> None:
         """Free the port; a second time does nothing."""
@@ -211,9 +217,17 @@ def _completed(row: Completed | None) -> str:
     """The headline metric in words; empty where it was not measured yet."""
     if row is None:
         return ""
-    if row.observable_ratio is not None:
-        return f"{row.observable_ratio:.1f} % of the observable surface"
-    return f"{row.completion_ratio:.1f} % of the surface"
+    return f"{_percent(row):.1f} % of the {'surface' if row.observable_ratio is None else 'observable surface'}"
+
+
+def _percent(row: Completed) -> float:
+    return row.completion_ratio if row.observable_ratio is None else row.observable_ratio
+
+
+def _end(event: Ended) -> str:
+    """How a run ended; a budget that is used up is the usual end."""
+    after = f"after {event.num_steps} steps"
+    return f"Done {after}." if event.stop_reason is StopReason.BUDGET else f"Ended {after}: {event.stop_reason}."
 
 
 def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:

@@ -14,7 +14,7 @@ START, END = "#1f1f1f", "#2b6ca3"
 RATIO, DISTANCE = "#2b6ca3", "#c8641e"
 SURFACE = "#a8b3bd"
 GONE, NEW = "#d6277a", "#12908c"
-"""Surface that is no more, and surface that was not there, since a former run."""
+"""Surface that is no more, and surface that was not there, since a prior run."""
 LEGEND = (
     ("surface", "surface of the map", SURFACE),
     ("robot", "robot", ROBOT),

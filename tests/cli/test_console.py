@@ -1,6 +1,9 @@
 """Consoles of the command line, on which no file of others commands the terminal."""
 
 import io
+import os
+import subprocess
+import sys
 
 from rich.table import Table
 
@@ -24,3 +27,38 @@ def test_neither_lines_nor_cells_of_tables_do():
     assert "[red]" in said
     assert "a\\x1b[2J" in said
     assert said.replace("\n", "").isprintable()
+
+
+def test_a_closed_pipe_ends_nothing_and_says_nothing():
+    program = """
+from anm_mj.cli.console import PlainConsole
+console = PlainConsole()
+for _ in range(20000):
+    console.say("line")
+raise SystemExit(7)
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == b""
+    assert process.returncode == 7
+
+
+def test_a_user_without_a_home_explores(tmp_path):
+    program = """
+import pwd, sys
+def nobody(uid): raise KeyError(uid)
+pwd.getpwuid = nobody
+from anm_mj.cli.main import main
+sys.exit(main(["explore", "room", "--steps", "2", "--out", sys.argv[1]]))
+"""
+    env = {key: value for key, value in os.environ.items() if key not in {"HOME", "MPLCONFIGDIR"}} | {
+        "TMPDIR": str(tmp_path)
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path / "run")], env=env, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run" / "curve.png").is_file()

@@ -24,7 +24,8 @@ def test_broken_torch(monkeypatch: pytest.MonkeyPatch):
 
     (check,) = machine_checks.check_torch()
 
-    assert check.state is State.BAD
+    # A run on the native engine needs no torch.
+    assert check.state is State.NOTE
     assert "libcudart" in check.found
 
 

@@ -15,7 +15,7 @@ from anm_mj.control.clearance_limit import (
     require_all_pairs,
     static_obstacles,
 )
-from anm_mj.control.wheel_servo import WheelServo
+from anm_mj.control.wheel_servo import BaseServo
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose
 from anm_mj.types import Pose2
@@ -29,15 +29,16 @@ def box(x, y, half_x, half_y, yaw_rad=0.0) -> Obstacle:
 
 
 def servo_among(description, kinematics, obstacles):
-    return WheelServo(
-        description, kinematics, period_s=_PERIOD_S, max_wheel_radps=12.0, obstacles=obstacles, min_distance_m=0.005
+    speeds = (12.0, 12.0)
+    return BaseServo(
+        description, kinematics, period_s=_PERIOD_S, max_speeds=speeds, obstacles=obstacles, min_distance_m=0.005
     )
 
 
 def drive_ahead(servo, kinematics, pose, periods=100):
     for _ in range(periods):
-        speeds = servo.wheel_speeds(pose, move_pose(pose, 0.006, 0.0))
-        pose = kinematics.odometry(pose, speeds.left_radps * _PERIOD_S, speeds.right_radps * _PERIOD_S)
+        speeds = servo.speeds(pose, move_pose(pose, 0.006, 0.0))
+        pose = kinematics.odometry(pose, *(speeds * _PERIOD_S))
     return pose
 
 

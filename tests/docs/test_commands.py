@@ -95,9 +95,10 @@ def test_command(command, place, monkeypatch, capsys):
     elif words == ["pip", "install", "."]:
         pass  # tests/install/test_wheel.py installs it.
     elif words[:2] == ["pip", "install"]:
-        extra = re.fullmatch(r"anm-mj\[(\w+)\]", words[2])
-        assert extra
-        assert extra[1] in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+        extras = re.fullmatch(r"(?:anm-mj|\.)\[([\w,]+)\]", words[2])
+        assert extras
+        declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+        assert set(extras[1].split(",")) <= set(declared)
     elif words[:2] == ["apt", "install"]:
         assert all(package in (ROOT / "scripts" / "setup.sh").read_text() for package in words[2:])
     elif words[:1] == ["source"]:
@@ -341,7 +342,7 @@ def options_are_complete(words, capsys):
     """The synopsis of a command names all its options, and no others."""
     named = set(re.findall(r"--[a-z][a-z-]*", " ".join(words)))
     action = [word for word in words[1:3] if word.islower()]
-    # The first name of each: others are former ones.
+    # The first name of each: others are old ones.
     printed = set(re.findall(r"^  (--[a-z][a-z-]*)", help_of(action, capsys), re.MULTILINE))
     if "PLAN.json" in words:
         assert named <= printed

@@ -16,22 +16,19 @@ from tests.test_import_arrows import _FLOOR, imported_modules
 TEMPLATE = ROOT / "docs" / "templates" / "my_policy.py"
 
 
-class Seen:
+def seen(world):
     """A world of which only what lies within 1.5 m of the robot's places is known."""
+    state, take_in = world.occupancy.state.copy(), world.integrate
+    world.occupancy.state[:] = UNKNOWN
 
-    def __init__(self, world):
-        self.world, self.state = world, world.occupancy.state.copy()
-        world.occupancy.state[:] = UNKNOWN
-
-    def __getattr__(self, name):
-        return getattr(self.world, name)
-
-    def integrate(self, observation):
-        grid = self.world.occupancy
-        rows, cols = np.ogrid[: self.state.shape[1], : self.state.shape[2]]
+    def integrate(observation):
+        rows, cols = np.ogrid[: state.shape[1], : state.shape[2]]
         away = np.hypot((cols + 0.5) * 0.05 - observation.pose.x_m, (rows + 0.5) * 0.05 - observation.pose.y_m)
-        grid.state[:, away < 1.5] = self.state[:, away < 1.5]
-        return self.world.integrate(observation)
+        world.occupancy.state[:, away < 1.5] = state[:, away < 1.5]
+        return take_in(observation)
+
+    world.integrate = integrate
+    return world
 
 
 def test_the_template_has_sixty_lines_on_the_core_alone():
@@ -46,9 +43,9 @@ def test_the_template_has_sixty_lines_on_the_core_alone():
 def test_the_template_explores_a_room_in_the_loop():
     module = runpy.run_path(str(TEMPLATE))
     policy = module["MyPolicy"](PolicyContext(FakeRobot.footprint, module["MyConfig"]()))
-    world = Seen(room(6, 4))
-    robot, recorder = FakeRobot(world.world, Pose2(1.0, 1.0, 0.0)), ListRecorder()
+    world = seen(room(6, 4))
+    robot, recorder = FakeRobot(world, Pose2(1.0, 1.0, 0.0)), ListRecorder()
     outcome = explore(robot, world, policy, num_steps=600, observers=(recorder,))
     assert outcome.stop_reason is StopReason.COMPLETE
-    known = world.world.occupancy.state != UNKNOWN
+    known = world.occupancy.state != UNKNOWN
     assert known.mean() > 0.9

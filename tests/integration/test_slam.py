@@ -131,10 +131,10 @@ def test_a_robot_that_is_not_told_where_it_starts_finds_itself_before_it_goes_on
     assert not any(event.update.num_iterations for event in seen[:found])
     assert all(event.estimate.state == "TRACKING" for event in seen[found:])
     frames = read_run(tmp_path / "run").frames
-    # It stands elsewhere than the former run did, and begins at zero.
+    # It stands elsewhere than the prior run did, and begins at zero.
     assert frames[0].pose.xy_m.tolist() == [0.0, 0.0]
-    former = read_run(localised[0]).frames
-    assert np.linalg.norm(frames[0].true_pose.xy_m - former[0].true_pose.xy_m) > 0.3
+    prior = read_run(localised[0]).frames
+    assert np.linalg.norm(frames[0].true_pose.xy_m - prior[0].true_pose.xy_m) > 0.3
     assert json.loads((tmp_path / "run" / "config.json").read_text())["start"] is not None
     for frame in frames[found:]:
         assert np.linalg.norm(frame.pose.xy_m - frame.true_pose.xy_m) < 0.06
@@ -144,7 +144,7 @@ def test_a_robot_that_is_not_told_where_it_starts_finds_itself_before_it_goes_on
     assert len((tmp_path / "run" / "trajectory.tum").read_text().splitlines()) == len(frames) - found
 
 
-def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_former_map(scene, localised, tmp_path):
+def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_prior_map(scene, localised, tmp_path):
     never = ["frames=1000", "candidates=1", "search_points=10", "headings=4"]
     settings = [*(f"localisation.relocalisation.{each}" for each in never), "mapping.schedule.final_iterations=0"]
     options = {"continue_from": str(localised[0]), "unknown_start": True, "return_to_start": True}
@@ -157,8 +157,8 @@ def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_former_map(sc
     before, after = (read_map(folder / "map.safetensors") for folder in (localised[0], tmp_path / "run"))
     for name, array in before.parameters.items():
         np.testing.assert_array_equal(after.parameters[name], array)
-    kept = read_explored(tmp_path / "run" / "explored.safetensors").former.poses
-    np.testing.assert_array_equal(kept, read_explored(localised[0] / "explored.safetensors").former.poses)
+    kept = read_explored(tmp_path / "run" / "explored.safetensors").prior.poses
+    np.testing.assert_array_equal(kept, read_explored(localised[0] / "explored.safetensors").prior.poses)
 
 
 def test_an_unknown_start_needs_a_map_and_localisation(scene, localised, tmp_path):

@@ -92,7 +92,7 @@ def test_fallback_without_embree(home, caplog, monkeypatch):
     with caplog.at_level(logging.WARNING):
         camera = make_camera(home[0], "camera", 16, 16, cull_face=True, backend=_OFF)
     assert camera.kind == "mujoco rays"
-    assert "pip install 'anm-mj[embree]'" in caplog.text
+    assert "pip install embreex" in caplog.text
 
 
 @needs_embree

@@ -16,8 +16,10 @@ from PIL import Image
 from tornado.websocket import websocket_connect
 
 from anm_mj.errors import RenderError
-from anm_mj.types import Pose2
-from anm_mj.viz import meshcat_viewer, page_server
+from anm_mj.evaluation.completion_curve import CurveRow
+from anm_mj.events import Ended
+from anm_mj.types import Pose2, StopReason
+from anm_mj.viz import file_server, meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
@@ -42,6 +44,13 @@ class CountingMap(FakeMap):
 
     sdf = uncertainty = surface = occupancy_grid = integrate
     occupancy = None
+
+
+CALM = "rgb(35, 38, 43)"
+
+
+def completed(step, percent):
+    return CurveRow(step, percent / 2, 50.0, percent, 1.0)
 
 
 @pytest.fixture
@@ -307,7 +316,7 @@ def test_next_free_port_is_taken_and_named(caplog):
 
 
 def test_no_free_port_is_one_sentence(monkeypatch):
-    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
+    monkeypatch.setattr(file_server, "PORTS_TRIED", 1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -330,8 +339,13 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         browser.open(viewer.url, "window.live")
         while viewer._server.num_browsers == 0:
             time.sleep(0.01)
+        # Nothing of meshcat's own look, and no frame around a picture that is not there.
+        assert browser.evaluate("getComputedStyle(document.getElementById('meshcat-pane')).visibility") == "hidden"
+        assert browser.evaluate("getComputedStyle(document.getElementById('picture')).display") == "none"
+        assert browser.evaluate(text("step")) == "starting …"
         show(viewer, 30)
-        viewer.progress(29, 500, "41.5 % of the observable surface")
+        viewer.progress(9, 500, completed(9, 12.0))
+        viewer.progress(29, 500, completed(29, 41.5))
         browser.wait("document.getElementById('step').textContent.startsWith('29')")
         assert browser.evaluate(text("title")) == "box, gvg, seed 0"
         assert browser.evaluate(text("step")) == "29 of at most 500"
@@ -342,12 +356,14 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         assert browser.evaluate("document.getElementById('ended').hidden")
         with Image.open(browser.picture(tmp_path / "live.png")) as picture:
             shown = np.asarray(picture.convert("RGB")).astype(int)[150:700, 320:1050]
+        assert not browser.evaluate("document.getElementById('curve').hidden")
         # The robot, its path and the walls, not an empty canvas.
         assert shown.std() > 8.0
 
-        viewer.ended("The run has ended: COMPLETE, 30 steps, 0.3 m.")
+        viewer.on_event(Ended(StopReason.COMPLETE, 30, 1.0, observe(30, Pose2(0.5, 0.5, 0.0))))
         viewer.close()
         browser.wait("!document.getElementById('ended').hidden")
-        assert browser.evaluate(text("ended")) == "The run has ended: COMPLETE, 30 steps, 0.3 m."
+        assert browser.evaluate(text("ended")) == "Ended after 30 steps: COMPLETE. Replay it: anm-mj view runs/latest"
+        assert browser.evaluate("getComputedStyle(document.getElementById('ended')).color") == CALM
         assert browser.evaluate(text("step")) == "29 of at most 500"
         assert browser.problems == []

@@ -29,7 +29,7 @@ from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
-from anm_mj.types import OCCUPIED, Action, FormerRun, Observation, Plan, Pose2, StopReason
+from anm_mj.types import OCCUPIED, Action, ExploredState, Observation, Plan, Pose2, StopReason
 from anm_mj.utils.settings import setting
 
 AHEAD_M = 0.1
@@ -64,7 +64,7 @@ class Oracle:
         if not isinstance(context.truth, SceneTruth):
             raise PlanError("This policy needs the true scene, and the context does not hold it.")
         if context.truth.surface.observable is None:
-            raise PlanError("This policy needs the observable surface; pip install 'anm-mj[embree]' computes it.")
+            raise PlanError("This policy needs the observable surface; pip install embreex computes it.")
         self._scene = context.truth
         self._settings = context.settings
         self._trajectories = read_trajectories(context.settings.warm_start)
@@ -86,9 +86,9 @@ class Oracle:
         """Nothing beside the map."""
         return {}
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Count the surface that an earlier run saw as covered."""
-        del former
+        del prior
         grid = mapper.occupancy_grid()
         self._former_m = (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m + grid.origin_m
 

@@ -19,7 +19,6 @@ _MARGIN_PX = 1
 _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
 _TEXELS_TOGETHER = 1 << 19
-"""Texels that are painted at a time."""
 
 _Pairs = Int64[np.ndarray, "n 2"]
 """One number along u and one along v for each quad."""
@@ -36,15 +35,11 @@ def paint(
     cuts: dict[int, Cut],
     shades: int,
 ) -> Submesh:
-    """One textured submesh.
+    """One textured submesh of a surface.
 
-    Args:
-        name: The submesh's name.
-        surface: What to paint.
-        lighting: Light in the whole scene.
-        light_spacing_m: Distance between the points that light is worked out for; between them it is interpolated.
-        cuts: By index, quads of which only some triangles are there, as of a floor with slanting sides.
-        shades: Number of values per colour channel: fewer make a smaller file.
+    Light is worked out for points ``light_spacing_m`` apart [m] and interpolated between them. ``cuts`` are, by index,
+    the quads of which only some triangles are there, as of a floor with slanting sides. ``shades`` is the number of
+    values per colour channel: fewer make a smaller file.
     """
     texel_m = np.array([material.texel_m for material in surface.materials])
     size_px = _resolution(surface, texel_m)
@@ -117,7 +112,6 @@ def _cells(
 
 
 def _bilinear(corners: Float64[np.ndarray, "k 4 d"], s: _Numbers, t: _Numbers) -> Float64[np.ndarray, "k d"]:
-    """Values between those of four corners."""
     weights = (1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t
     a, b, c, d = (weight[:, None] * corners[:, index] for index, weight in enumerate(weights))
     return a + b + c + d
@@ -159,7 +153,6 @@ def _submesh(
     image: UInt8[np.ndarray, "h w 3"],
     cuts: dict[int, Cut],
 ) -> Submesh:
-    """The quads as triangles, with texture coordinates at the centres of their corner texels."""
     ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     whole = np.array([k for k in range(len(corner_px)) if k not in cuts], dtype=np.int64)
     texels = [(corner_px[whole, None] + _MARGIN_PX + 0.5 + ends * (size_px[whole, None] - 1)).reshape(-1, 2)]

@@ -40,7 +40,6 @@ class Passage:
     """The floor of an opening through a wall: each of its ends lies on the edge of a room."""
 
     rooms: tuple[int, int]
-    """Indices of the rooms that it joins."""
     floor: shapely.Polygon
 
     @property
@@ -97,7 +96,6 @@ class Building:
     """The windows, or None to put some into the outer walls."""
 
     def __post_init__(self) -> None:
-        """Check the rooms."""
         if not self.rooms:
             raise SceneError("A building needs at least one room: the plan holds none.")
         if len({room.name for room in self.rooms}) < len(self.rooms):
@@ -146,8 +144,6 @@ def _wall(left: Float64[np.ndarray, "2"], right: Float64[np.ndarray, "2"]) -> Wa
 
 
 class _Edges:
-    """The edges of polygons."""
-
     def __init__(self, polygons: list[shapely.Polygon]) -> None:
         left, right, owner = [], [], []
         for index, polygon in enumerate(polygons):
@@ -162,7 +158,6 @@ class _Edges:
         self.left, self.right = np.concatenate(left), np.concatenate(right)
         """Ends as seen from inside the polygon [m]."""
         self.owner = np.concatenate(owner)
-        """Index of the polygon."""
 
     def gaps(self, k: int, first_passage: int) -> list[tuple[float, float, bool]]:
         """Stretches of an edge that run along edges of other polygons, in order and apart; True for passages."""

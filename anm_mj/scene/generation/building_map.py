@@ -25,20 +25,13 @@ class BuildingMap:
     rooms: Int16[np.ndarray, "rows cols"]
     """Index of the room; -1 for walls, passages and the outside, but not for furniture."""
     room_types: tuple[str, ...]
-    """Type of each room."""
     origin_xy_m: Float64[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0] [m]."""
     resolution_m: float
 
 
 def generated_map(rooms: int, seed: int, kind: BuildingKind = "apartment", furniture: bool = True) -> BuildingMap:
-    """The map of the very building that ``generate_scene`` makes of the same arguments, at 5 cm.
-
-    Args:
-        rooms: Number of rooms; 1 to 60.
-        seed: Which of the buildings of this size; 0 or more.
-        kind: "apartment" or "office".
-        furniture: False for empty rooms.
+    """The map of the building that ``generate_scene`` makes of the same arguments, at 5 cm; with or without furniture.
 
     Raises:
         SceneError: if an argument is out of its range.

@@ -33,13 +33,9 @@ class FurnishedRoom:
 def furnish(
     building: Building, seed: int, bare: frozenset[int] = frozenset(), furniture: bool = True
 ) -> list[FurnishedRoom]:
-    """Furnish all rooms; the same for the same arguments, each room regardless of the others.
+    """Furnish all rooms but the ``bare`` ones (none at all without ``furniture``).
 
-    Args:
-        building: What to furnish.
-        seed: Decides on everything; 0 or more.
-        bare: Indices of rooms that stay empty.
-        furniture: False to put nothing anywhere.
+    The same for the same arguments, each room regardless of the others; ``seed`` is 0 or more.
     """
     indices = range(len(building.rooms))
     return [_furnish_room(building, index, seed, furniture and index not in bare) for index in indices]

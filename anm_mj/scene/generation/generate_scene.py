@@ -78,13 +78,8 @@ def write_building(
 ) -> Scene:
     """Furnish a building, make sure that the robot reaches every room, light it and write it.
 
-    Args:
-        building: Rooms and passages.
-        seed: Decides on all furniture and materials; 0 or more.
-        info: Name, origin and licence; rooms and budget are filled in.
-        out: The scene folder to make.
-        furniture: False for empty rooms.
-        moved: Number of pieces that stand elsewhere than without this.
+    ``seed``, 0 or more, decides on all furniture and materials; ``furniture`` false leaves the rooms empty; ``moved``
+    pieces stand elsewhere than without this. Rooms and budget of ``info`` are filled in.
 
     Raises:
         SceneError: if fewer pieces can be moved, the robot fits nowhere or the folder cannot be written.
@@ -112,8 +107,6 @@ def write_building(
 
 @dataclass(frozen=True, eq=False)
 class _Interior:
-    """A furnished building."""
-
     building: Building
     furnished: list[FurnishedRoom]
     seed: int
@@ -201,6 +194,5 @@ def _lighting(building: Building, furnished: list[FurnishedRoom]) -> VoxelLighti
 
 
 def _coarsened(surface: Quads) -> Quads:
-    """The same surface with larger texels."""
     larger = {material: replace(material, texel_m=material.texel_m * _COARSER) for material in set(surface.materials)}
     return Quads(surface.corners_m, surface.uv_m, tuple(larger[material] for material in surface.materials))

@@ -28,14 +28,9 @@ _MAX_ATTEMPTS = 20
 
 
 def plan_building(rooms: int, seed: int, kind: BuildingKind = "apartment") -> Building:
-    """The rooms and doors of a building; the same for the same arguments.
+    """The rooms and doors of a building of 1 to 60 rooms, corridors counted; the same for the same arguments.
 
-    All rooms can be reached; from five rooms on there is at least one loop.
-
-    Args:
-        rooms: Number of rooms, corridors counted; 1 to 60.
-        seed: Which of the buildings of this size; 0 or more.
-        kind: What it is for.
+    All rooms can be reached; from five rooms on there is at least one loop. ``seed`` is 0 or more.
 
     Raises:
         SceneError: if an argument is out of its range.
@@ -83,7 +78,6 @@ _Shared = tuple[int, float, tuple[float, float], float]
 
 
 def _adjacent(cells: list[Cell]) -> dict[_Pair, _Shared]:
-    """Pairs of cells that share enough wall for a door, with the shared stretch."""
     pairs: dict[_Pair, _Shared] = {}
     for i, a in enumerate(cells):
         for j, b in enumerate(cells[:i]):

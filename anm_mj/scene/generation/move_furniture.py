@@ -43,13 +43,9 @@ class Move:
 def move_furniture(
     furnished: list[FurnishedRoom], count: int, seed: int, is_passable: Callable[[list[FurnishedRoom]], bool]
 ) -> tuple[list[FurnishedRoom], list[Move]]:
-    """Put some pieces to other places in their rooms, none where any piece stood before.
+    """Put ``count`` pieces, chosen by ``seed``, to other places in their rooms, none where any piece stood before.
 
-    Args:
-        furnished: The rooms.
-        count: Number of pieces to move.
-        seed: Decides which, and where to.
-        is_passable: Whether the robot still gets everywhere among the furniture.
+    ``is_passable`` says whether the robot still gets everywhere among the furniture.
 
     Raises:
         SceneError: fewer pieces can be moved.
@@ -94,7 +90,6 @@ def _is_movable(placed: Placed, room: FurnishedRoom) -> bool:
 
 
 def _other_place(room: FurnishedRoom, placed: Placed, gone: list[Placed], rng: np.random.Generator) -> Placed | None:
-    """Another place for a piece in its room; None where there is none."""
     space = RoomSpace(room.room.floor, room.walls, rng)
     for other in (*room.placed, *gone):
         if other.piece.placement in (*_STANDING, "window"):

@@ -26,13 +26,7 @@ class RoomSpace:
     """The free floor and walls of one room."""
 
     def __init__(self, floor: shapely.Polygon, walls: tuple[RoomWall, ...], rng: np.random.Generator) -> None:
-        """An empty room.
-
-        Args:
-            floor: Its clear floor [m].
-            walls: Its walls with their gaps and windows.
-            rng: Decides between places that are equally good.
-        """
+        """An empty room's clear floor [m] and walls; ``rng`` decides between places that are equally good."""
         self._rng = rng
         self._walls = walls
         self._stretches = [
@@ -45,7 +39,6 @@ class RoomSpace:
         """Where nothing stands, so that a piece may have its front there."""
         self._hung: list[tuple[RoomWall, float, float]] = []
         self._main_deg = max(walls, key=lambda wall: wall.wall.length_m).wall.yaw_deg if walls else 0.0
-        """Direction of the longest wall."""
 
     def put(self, piece: Piece) -> Placed | None:
         """Place a piece; None if there is no room for it."""
@@ -152,7 +145,6 @@ class RoomSpace:
         return np.column_stack([points, turns + skew, np.full(len(points), -1), np.zeros(len(points))])
 
     def _hang(self, piece: Piece) -> Placed | None:
-        """A place on a wall with no window, door or piece of furniture there."""
         x0, _, x1, _ = piece.outline_m
         for k in self._rng.permutation(len(self._stretches)):
             wall, start, end = self._stretches[k]
@@ -174,7 +166,6 @@ def _at_wall(piece: Piece, wall: RoomWall, along_m: float) -> Placed:
 
 
 def _before_gap(wall: Wall, start_m: float, end_m: float) -> shapely.Polygon:
-    """The floor before an opening that stays clear."""
     low, high, far = start_m - 0.08, end_m + 0.08, _DOOR_CLEAR_M
     corners = ((low, -0.01), (low, far), (high, far), (high, -0.01))
     return shapely.Polygon([wall.point(along, inward, 0.0)[:2] for along, inward in corners])
@@ -193,7 +184,6 @@ def _shrunk(box: Box) -> Box:
 
 
 def _corners(box: Box, places: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 4 2"]:
-    """Corners of a box at many places."""
     x0, y0, x1, y1 = box
     local = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     c, s = np.cos(np.radians(places[:, 2])), np.sin(np.radians(places[:, 2]))

@@ -41,7 +41,6 @@ class Quads:
     uv_m: Float64[np.ndarray, "n 4 2"]
     """Surface coordinates of the corners, for the material's pattern."""
     materials: tuple[Material, ...]
-    """One per quad."""
 
     @property
     def normals(self) -> Float64[np.ndarray, "n 3"]:

@@ -63,11 +63,8 @@ def _halved(
 def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Generator) -> list[Cell]:
     """Rows of rooms on both sides of corridors, which cross corridors join where there are several.
 
-    Args:
-        num_rooms: Number of rooms, corridors counted; at least 4.
-        kind: "apartment" or "office": offices have deeper rooms and wider corridors.
-        room_types: Types of at least as many rooms; those that do not find a place are left out.
-        rng: Where chance comes from.
+    ``num_rooms`` counts corridors and is at least 4; of ``room_types``, those that do not find a place are left out.
+    Offices have deeper rooms and wider corridors than apartments.
     """
     office = kind == "office"
     num_corridors = max(1, round(num_rooms / _ROOMS_PER_CORRIDOR))
@@ -108,7 +105,6 @@ def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Gener
 
 
 def _dealt(room_types: list[str], num_rows: int, rng: np.random.Generator) -> list[list[tuple[str, float]]]:
-    """Rooms (type, area) dealt to rows so that the rows' areas are about equal, in no fixed order."""
     rooms = [(room_type, float(rng.uniform(*ROOM_TYPES[room_type].area_m2))) for room_type in room_types]
     rows: list[list[tuple[str, float]]] = [[] for _ in range(num_rows)]
     for room_type, area in sorted(rooms, key=lambda room: -room[1]):
@@ -167,5 +163,4 @@ def _shares(lengths_m: list[float], num: int) -> list[int]:
 
 
 def _round(value_m: float) -> float:
-    """The nearest place a wall may stand at."""
     return round(round(value_m / _ROUND_M) * _ROUND_M, 4)

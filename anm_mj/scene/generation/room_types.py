@@ -39,7 +39,6 @@ ROOM_TYPES = {
     "lounge": RoomType((14.0, 22.0)),
     "laboratory": RoomType((18.0, 28.0)),
 }
-"""All types that can be furnished."""
 
 _APARTMENT = ("living", "bedroom", "kitchen", "bathroom", "child", "study", "dining", "storage")
 _APARTMENT_MORE = (

@@ -39,7 +39,6 @@ class Surface:
     """The quads of patches, in order."""
 
     def __init__(self, patches: Iterable[Patch]) -> None:
-        """Join the patches."""
         pieces: list[Quads] = []
         self.cuts: dict[int, Cut] = {}
         """By the index of the quad."""
@@ -103,7 +102,6 @@ def _tiles(outline: shapely.Polygon) -> list[shapely.Polygon]:
 
 
 def _triangulated(polygon: shapely.Polygon) -> Float64[np.ndarray, "k 3 2"]:
-    """Triangles of a polygon, counter-clockwise."""
     turned = orient(polygon)
     rings = [np.asarray(ring.coords)[:-1, :2] for ring in (turned.exterior, *turned.interiors)]
     points = np.concatenate(rings)
@@ -116,7 +114,6 @@ def _triangulated(polygon: shapely.Polygon) -> Float64[np.ndarray, "k 3 2"]:
 
 
 def _wall(room_wall: RoomWall, building: Building, material: Material, trim: Material, seed: int) -> Iterator[Quads]:
-    """One wall with everything that belongs to it."""
     wall, ceiling_m = room_wall.wall, building.ceiling_m
     doors = [WallArea(a, b, 0.0, building.door_height_m) for a, b, door in room_wall.gaps if door]
     wide = [WallArea(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]

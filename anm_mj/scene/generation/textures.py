@@ -16,11 +16,10 @@ from jaxtyping import Float64, Int64
 from anm_mj.scene.generation.quads import Material
 
 Colour = tuple[float, float, float]
-"""sRGB in 0..1."""
 _Places = Float64[np.ndarray, "n 2"]
 """Surface coordinates u, v [m]."""
 _Colours = Float64[np.ndarray, "n 3"]
-"""sRGB in 0..1."""
+_BLUR_M = 0.014
 _Parameters = ParamSpec("_Parameters")
 
 
@@ -220,7 +219,6 @@ def _grain(uv: Float64[np.ndarray, "n 2"], board: Int64[np.ndarray, " n"]) -> Fl
 
 
 def _edge(x: Float64[np.ndarray, " n"], period: float) -> Float64[np.ndarray, " n"]:
-    """Distance to the nearest multiple of the period."""
     rest = x % period
     return np.minimum(rest, period - rest)
 
@@ -229,11 +227,10 @@ def _tint(colour: Colour, factor: Float64[np.ndarray, " n"]) -> Float64[np.ndarr
     return np.clip(np.array(colour) * factor[:, None], 0.0, 1.0)
 
 
-def _inside(depth_m: Float64[np.ndarray, " n"], blur_m: float = 0.014) -> Float64[np.ndarray, " n"]:
+def _inside(depth_m: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
     """Share of a texel that lies inside an outline, from the depth of its middle below the outline."""
-    return np.clip(depth_m / blur_m + 0.5, 0.0, 1.0)
+    return np.clip(depth_m / _BLUR_M + 0.5, 0.0, 1.0)
 
 
 def _mix(ground: Colour, other: Colour, share: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
-    """The ground with a share of the other colour."""
     return np.array(ground) + share[:, None] * (np.array(other) - ground)

@@ -23,7 +23,6 @@ class RoomGrid:
     """Cells of one room, aligned with those of all others."""
 
     def __init__(self, floor: shapely.Polygon, walls: tuple[RoomWall, ...]) -> None:
-        """The empty room."""
         x0, y0, x1, y1 = floor.bounds
         self.low_cell = (math.floor(x0 / CELL_M), math.floor(y0 / CELL_M))
         cols, rows = math.ceil(x1 / CELL_M) - self.low_cell[0], math.ceil(y1 / CELL_M) - self.low_cell[1]
@@ -74,7 +73,6 @@ class RoomGrid:
         return doors, float(sizes[doors].max() if len(doors) else sizes.max())
 
     def _fill(self, cells: Bool[np.ndarray, "rows cols"], corners_m: Float64[np.ndarray, "4 2"]) -> None:
-        """Set the cells that a rectangle touches."""
         low, high = corners_m.min(axis=0), corners_m.max(axis=0)
         half = CELL_M / 2
         cols = np.flatnonzero((self.x_m > low[0] - half) & (self.x_m < high[0] + half))

@@ -50,11 +50,9 @@ class VoxelLighting:
     ) -> None:
         """Mark what is solid and blur it.
 
-        Args:
-            origin_m: World coordinates of the outer corner of voxel [0, 0, 0].
-            open_voxels: True inside rooms, as long as they are empty; layer along z, row along y, column along x.
-            points_m: Points on all furniture, no farther apart than a voxel.
-            lights: Lamps and windows.
+        ``origin_m`` is the outer corner of voxel [0, 0, 0] in the world; ``open_voxels`` (layer along z, row along y,
+        column along x) are true inside empty rooms; ``points_m`` lie all over the furniture, no farther apart than a
+        voxel.
         """
         solid = (~open_voxels).astype(np.float32)
         self._origin_m = origin_m
@@ -76,7 +74,6 @@ class VoxelLighting:
     def _add_direct(
         self, total: Float64[np.ndarray, " n"], points_m: _Vectors, normals: _Vectors, light: Light
     ) -> None:
-        """Add the light of one source, with soft shadows."""
         ray = np.array(light.centre_m) - points_m
         near = np.flatnonzero((ray**2).sum(axis=1) < _REACH_M**2)
         ray = ray[near]

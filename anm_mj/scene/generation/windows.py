@@ -8,7 +8,6 @@ from anm_mj.scene.generation.building import GivenWindow, RoomWall
 from anm_mj.scene.generation.wall import WallArea
 
 _SHARE_M = 2.7
-"""Length of wall that one window is given."""
 _BESIDE_M = 0.2
 """A given window belongs to walls that run along it within this distance [m]."""
 _HIGH = ("bathroom", "washroom")

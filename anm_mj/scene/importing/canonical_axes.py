@@ -131,7 +131,6 @@ def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarra
 
 
 def _walkable_m2(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarray, "l 3 3"], z_m: float) -> float:
-    """Area of the level at a height that has headroom [m2]."""
     ground = clip_to_slab(level, z_m - _BIN_M, z_m + _BIN_M)
     if not len(ground):
         return 0.0

@@ -25,10 +25,8 @@ _logger = logging.getLogger(__name__)
 _FARTHEST_M = 1000.0
 """Farther from the origin, a plan is in the coordinates of a survey [m]."""
 _HEIGHT_M = (1.5, 20.0)
-"""Lowest and highest ceiling [m]."""
 _MAX_ROOMS = limit("ANM_MJ_MAX_ROOMS", 300)
 _MAX_FLOOR_M2 = limit("ANM_MJ_MAX_FLOOR_M2", 2_500)
-"""Largest floor of all rooms [m2]."""
 _FORMATS = (
     ("plan-1", is_plan1, read_plan1),
     ("ProcTHOR", is_procthor, read_procthor),
@@ -113,7 +111,6 @@ def import_floorplan(
 
 
 def _check_size(building: Building, src: Path) -> None:
-    """Accept what can be built and furnished, before anything is."""
     low_m, high_m = _HEIGHT_M
     if not low_m <= building.ceiling_m <= high_m:
         raise SceneError(
@@ -126,7 +123,7 @@ def _check_size(building: Building, src: Path) -> None:
     if len(building.rooms) > _MAX_ROOMS:
         raise SceneError(
             f"{src} has {len(building.rooms)} rooms, but floor plans end at {_MAX_ROOMS}: give a part of it, or set "
-            "ANM_MJ_MAX_ROOMS if there should be so many."
+            "ANM_MJ_MAX_ROOMS to allow more."
         )
     floor_m2 = sum(float(room.floor.area) for room in building.rooms)
     if not floor_m2 <= _MAX_FLOOR_M2:

@@ -7,11 +7,10 @@ import logging
 import os
 from pathlib import Path
 
-from anm_mj.mjcf.read_mjcf import named_files
+from anm_mj.mjcf.read_mjcf import is_mjcf, named_files
 from anm_mj.scene.folder import TOML, XML
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.named_scenes import find_named, is_name
-from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
 from anm_mj.utils.files import cache_folder
 
 _logger = logging.getLogger(__name__)

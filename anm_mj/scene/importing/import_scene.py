@@ -19,7 +19,6 @@ from anm_mj.scene.importing.named_scenes import find_named, is_name
 from anm_mj.scene.importing.placing import Choice, UpAxis, place
 from anm_mj.scene.importing.readers.import_limits import check_triangles
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mjcf.read_world import DRAWN_GROUPS, read_mjcf
 from anm_mj.scene.importing.readers.source_formats import find_format
 from anm_mj.scene.importing.report_reach import report_reach
 from anm_mj.scene.writer import check_destination, write_scene
@@ -114,7 +113,9 @@ def import_scene(
         )
     read = found.read
     if found.name == "mjcf":
-        read = partial(read_mjcf, settle=settle, movable=movable, groups=DRAWN_GROUPS if groups is None else groups)
+        from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf  # Loads MuJoCo.
+
+        read = partial(read_mjcf, settle=settle, movable=movable, groups=groups)
     elif settle or movable or groups is not None:
         raise SceneError(f"{src} is no MuJoCo world ({found.name}): leave --settle, --movable and --groups out.")
     report = ImportReport()

@@ -56,7 +56,6 @@ class _DataSet:
     licence: str
     source_format: str
     variables: tuple[str, ...]
-    """Environment variables with its folder."""
     usual: tuple[str, ...]
     """Folders where it lies by default."""
     files: Callable[[str], list[str]]
@@ -118,7 +117,6 @@ def _folders(data: _DataSet) -> list[Path]:
 
 
 def _package_folders(names: Sequence[str]) -> list[Path]:
-    """Folders of the packages that are installed."""
     found = []
     for name in names:
         try:
@@ -142,7 +140,6 @@ def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:
 
 
 def _fetched(name: str) -> Path | None:
-    """A scene of MolmoSpaces that its own package fetches."""
     dataset, _, number = name.rpartition("/")
     split = next((word for word in ("train", "val", "test") if dataset.endswith(f"-{word}")), "train")
     try:
@@ -162,7 +159,6 @@ def _fetched(name: str) -> Path | None:
 
 
 def _composed(name: str) -> Path | None:
-    """A kitchen that RoboCasa composes, kept in the user's cache folder."""
     numbers = _KITCHEN.fullmatch(name)
     out = cache_folder("robocasa") / f"{name}.xml"
     if numbers is None or out.is_file():

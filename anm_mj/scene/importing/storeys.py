@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import Level, levels
-from anm_mj.scene.raster import areas, clip_to_slab, level_mask
+from anm_mj.scene.raster import areas, clip, clip_to_slab, level_mask
 from anm_mj.scene.submesh import Submesh
 
 _SHARE = 0.25
@@ -35,7 +35,6 @@ class Storey:
     floor_m: float
     walkable_m2: float
     low_m: float
-    """Lowest height that belongs to it [m]."""
     high_m: float
     """Highest height that belongs to it; infinite for the uppermost storey [m]."""
 
@@ -117,29 +116,15 @@ def clip_submesh(submesh: Submesh, low_m: float, high_m: float) -> Submesh | Non
     beyond = (heights.max(axis=1) < low_m) | (heights.min(axis=1) > high_m)
     corners, heights = corners[~beyond], heights[~beyond]
     whole = (heights.min(axis=1) >= low_m) & (heights.max(axis=1) <= high_m)
-    pieces = [corners[whole]]
-    for polygon in corners[~whole]:
-        for bound, sign in ((low_m, 1.0), (high_m, -1.0)):
-            if np.isfinite(bound):
-                polygon = _half(polygon, bound, sign)
-        if len(polygon) >= 3:
-            fan = np.arange(1, len(polygon) - 1)
-            pieces.append(np.stack([np.repeat(polygon[:1], len(fan), axis=0), polygon[fan], polygon[fan + 1]], axis=1))
-    kept = np.concatenate(pieces)
+    cut = clip(corners[~whole], low_m, 1.0)
+    if np.isfinite(high_m):
+        cut = clip(cut, high_m, -1.0)
+    fans = np.stack([cut[:, [0, k, k + 1]] for k in range(1, cut.shape[1] - 1)], axis=1)
+    fans = fans.reshape(-1, 3, corners.shape[2])
+    # Polygons of fewer corners repeat the last one.
+    kept = np.concatenate([corners[whole], fans[areas(fans[:, :, :3]) > 0.0]])
     if not len(kept):
         return None
     flat = kept.reshape(-1, kept.shape[2])
     faces = np.arange(len(flat)).reshape(-1, 3)
     return replace(submesh, vertices_m=flat[:, :3], faces=faces, uv=None if submesh.uv is None else flat[:, 3:])
-
-
-def _half(polygon: Float64[np.ndarray, "n d"], bound_m: float, sign: float) -> Float64[np.ndarray, "m d"]:
-    """The part of a convex polygon on one side of a height (Sutherland-Hodgman)."""
-    kept = []
-    for here, there in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        a, b = sign * (here[2] - bound_m), sign * (there[2] - bound_m)
-        if a >= 0.0:
-            kept.append(here)
-        if (a >= 0.0) != (b >= 0.0):
-            kept.append(here + a / (a - b) * (there - here))
-    return np.array(kept).reshape(-1, polygon.shape[1])

@@ -74,18 +74,14 @@ def drive_over_a_floor(robot: RobotDescription) -> DriveTrial:
 def plain_fault(path: Path, root: str) -> str:
     """What goes wrong when plain MuJoCo simulates a robot's file for two seconds without commands; empty = nothing.
 
-    A floor is added where the file has none.
-
-    Args:
-        path: the file; it compiles.
-        root: name of the robot's top-level body; empty where the file leaves it unnamed.
+    The file compiles; a floor is added where it has none. ``root`` names the robot's top-level body, or is empty where
+    the file leaves it unnamed.
     """
     with quiet_mujoco():
         return _simulated_fault(mujoco.MjSpec.from_file(str(path)), root)
 
 
 def _simulated_fault(spec: mujoco.MjSpec, root: str) -> str:
-    """As :func:`plain_fault`, of a file that is read."""
     shortest_s, longest_s = TIMESTEPS_S
     if not shortest_s <= spec.option.timestep <= longest_s:
         return (

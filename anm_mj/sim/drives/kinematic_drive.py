@@ -40,15 +40,7 @@ class KinematicDrive(WheelDrive):
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
-        """Drive ``data`` from the present pose of its base.
-
-        Args:
-            model: the robot, alone or in a scene.
-            data: of that model.
-            description: the robot.
-            clearance: of its footprint in the scene.
-            odometer: reads the wheels; None = one without noise.
-            prefix: stands before the robot's names in the scene.
+        """Arguments are those of :class:`WheelDrive`; ``clearance`` is that of the footprint in the scene.
 
         Raises:
             RobotError: if the model lacks a joint of the robot.

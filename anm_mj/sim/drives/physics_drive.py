@@ -11,12 +11,12 @@ from jaxtyping import Float
 from anm_mj.control.action_motion import action_motion, action_profile
 from anm_mj.control.clearance_limit import static_obstacles
 from anm_mj.control.robot_limits import limits_of
-from anm_mj.control.wheel_servo import PlanarServo, WheelServo
+from anm_mj.control.wheel_servo import BaseServo
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer
 from anm_mj.robot.base_joints import element_id
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.robot.kinematics import PlanarKinematics
 from anm_mj.sim.drives.shell_contacts import ShellContacts
 from anm_mj.sim.drives.traction import TractionMonitor
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
@@ -28,7 +28,6 @@ UNSTABLE = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
-"""What MuJoCo warns of when it resets a simulation."""
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
 SUBSTEP_S = 0.002
@@ -36,7 +35,6 @@ SUBSTEP_S = 0.002
 _SUBSTEPS = 10
 """Physics steps between two commands to the wheels."""
 _MAX_WHEEL_RADPS = 12.0
-"""Highest commanded speed of either wheel [rad/s]."""
 _KEEP_CLEAR_M = 0.005
 """Distance to the obstacle boxes at which the servo stops the robot's body [m]."""
 _SETTLE_S = 0.3
@@ -72,15 +70,9 @@ class PhysicsDrive(WheelDrive):
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
-        """Drive ``data`` from the present pose of its base.
+        """Arguments are those of :class:`WheelDrive`; sets the model's time step, integrator and friction cone.
 
-        Args:
-            model: the robot in a scene; the drive sets its time step, integrator and friction cone. Its static geoms
-                are the obstacles that the servo keeps clear of.
-            data: of that model.
-            description: the robot.
-            odometer: reads the wheels; None = one without noise.
-            prefix: stands before the robot's names in the scene.
+        The model's static geoms are the obstacles that the servo keeps clear of.
 
         Raises:
             RobotError: if the model lacks a joint, an actuator or a geom of the robot, or mink drops an obstacle.
@@ -89,27 +81,17 @@ class PhysicsDrive(WheelDrive):
         self._max_wheel_radps = min(_MAX_WHEEL_RADPS, description.max_wheel_radps)
         limits = limits_of(description, self._max_wheel_radps)
         super().__init__(model, data, description, limits, odometer, prefix, period_s=_SUBSTEPS * SUBSTEP_S)
-        obstacles = static_obstacles(model)
-        self._servo: WheelServo | PlanarServo
-        if isinstance(self._kinematics, RobotKinematics):
-            self._servo = WheelServo(
-                description,
-                self._kinematics,
-                period_s=self._period_s,
-                max_wheel_radps=self._max_wheel_radps,
-                obstacles=obstacles,
-                min_distance_m=_KEEP_CLEAR_M,
-            )
-        else:
-            self._servo = PlanarServo(
-                description,
-                period_s=self._period_s,
-                max_mps=2.0 * self._limits.forward_mps,
-                max_radps=2.0 * self._limits.turn_radps,
-                obstacles=obstacles,
-                min_distance_m=_KEEP_CLEAR_M,
-            )
-        self._signs = np.array(description.wheel_signs)
+        planar_speeds = (2.0 * self._limits.forward_mps,) * 2 + (2.0 * self._limits.turn_radps,)
+        is_planar = isinstance(self._kinematics, PlanarKinematics)
+        self._servo = BaseServo(
+            description,
+            self._kinematics,
+            period_s=self._period_s,
+            max_speeds=planar_speeds if is_planar else (self._max_wheel_radps,) * 2,
+            obstacles=static_obstacles(model),
+            min_distance_m=_KEEP_CLEAR_M,
+        )
+        self._signs = np.array(description.wheel_signs or (1.0,) * len(description.motors))
         self._touched = False
         self._traction = TractionMonitor()
         motors = [element_id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, prefix + name) for name in description.motors]
@@ -170,12 +152,10 @@ class PhysicsDrive(WheelDrive):
         driven_rad: tuple[float, float] = (0.0, 0.0),
         turned_rad: tuple[float, float] = (0.0, 0.0),
     ) -> StopReason | None:
-        """Why the robot can drive no more after a motion; None while it can.
+        """Why the robot can drive no more after a motion, which ``failed`` if it ended away from where it should.
 
-        Args:
-            failed: the motion ended away from where it should.
-            driven_rad: rotation of both sides' wheels that the motion asks for; 0 = it is not known.
-            turned_rad: rotation that their encoders measured.
+        ``driven_rad`` is the rotation of both sides' wheels that the motion asks for (0 = not known), ``turned_rad``
+        what their encoders measured.
         """
         if self._diverged:
             return StopReason.DIVERGED
@@ -259,12 +239,9 @@ class PhysicsDrive(WheelDrive):
 
     def _servo_period(self, reference: Pose2, forward: bool) -> bool:
         """Command the wheels for one period; True once a contact blocks a forward motion, or it diverges."""
-        if isinstance(self._servo, PlanarServo):
-            self._data.ctrl[self._motors] = self._servo.joint_speeds(self._base.pose, reference)
-        else:
-            speeds = self._servo.wheel_speeds(self._base.pose, reference)
-            sides = np.repeat((speeds.left_radps, speeds.right_radps), len(self._signs) // 2)
-            self._data.ctrl[self._motors] = self._signs * sides
+        # The wheels of a side turn alike.
+        speeds = self._servo.speeds(self._base.pose, reference)
+        self._data.ctrl[self._motors] = self._signs * np.repeat(speeds, len(self._signs) // len(speeds))
         self._touched |= self._servo.is_near_obstacle
         for _ in range(_SUBSTEPS):
             mujoco.mj_step(self._model, self._data)
@@ -276,11 +253,9 @@ class PhysicsDrive(WheelDrive):
 
     @property
     def _diverged(self) -> bool:
-        """Whether the simulation has become unstable."""
         return any(self._data.warning[kind].number for kind in UNSTABLE) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
-        """Brake to rest and make the reached pose the reference."""
         self._data.ctrl[self._motors] = 0.0
         for _ in range(math.ceil(_SETTLE_S / self._period_s)):
             mujoco.mj_step(self._model, self._data, nstep=_SUBSTEPS)
@@ -330,5 +305,4 @@ class PhysicsDrive(WheelDrive):
 
 
 def _distance_m(a: Pose2, b: Pose2) -> float:
-    """Distance between two positions [m]."""
     return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)

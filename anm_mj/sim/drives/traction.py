@@ -19,7 +19,6 @@ class TractionMonitor:
     """Counts actions that did not bring the base to where they should, or a wheel, without anything in the way."""
 
     def __init__(self) -> None:
-        """Start without a failure."""
         self._failures = 0
         self._stuck = [0, 0]
 
@@ -28,11 +27,9 @@ class TractionMonitor:
     ) -> StopReason | None:
         """WHEEL_STUCK or NO_TRACTION after several failures in a row; None before.
 
-        Args:
-            failed: the action ended away from where it should.
-            touched: an obstacle may be the reason.
-            driven_rad: rotation of the left and the right wheel that the action asks for.
-            turned_rad: rotation that their encoders measured.
+        An action ``failed`` if it ended away from where it should; an obstacle may be the reason if something was
+        ``touched``. ``driven_rad`` is the rotation of the left and the right wheel that the action asks for,
+        ``turned_rad`` what their encoders measured.
         """
         self._failures = self._failures + 1 if failed and not touched else 0
         for side, (driven, turned) in enumerate(zip(driven_rad, turned_rad, strict=True)):

@@ -20,12 +20,7 @@ class Sensor:
     """Adds a sensor's errors to exact images; the same seed and frame always give the same noise."""
 
     def __init__(self, config: SensorConfig, seed: int) -> None:
-        """Draw what is fixed for the camera's life.
-
-        Args:
-            config: the sensor.
-            seed: of all its noise.
-        """
+        """Draw what is fixed for the camera's life; ``seed`` is that of all its noise."""
         self._config = config.scaled()
         self._seed = seed
         drawn = np.random.default_rng([seed, 7, _CAMERA]).standard_normal()
@@ -43,16 +38,10 @@ class Sensor:
         intrinsics: Intrinsics,
         frame: int,
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """What the sensor reports of exact images.
+        """Colours, and planar depth [m] with ``inf`` beyond the range and ``nan`` where unmeasured, of exact images.
 
-        Args:
-            rgb: colours.
-            depth_m: exact planar depth [m]; not finite where nothing was hit.
-            intrinsics: the camera.
-            frame: a number of the frame's own, not negative.
-
-        Returns:
-            Colours, and planar depth [m]: ``inf`` = farther than the range, ``nan`` = not measured.
+        ``depth_m`` is planar depth [m], not finite where nothing was hit; ``frame`` is a number of the frame's own, not
+        negative.
         """
         generator = np.random.default_rng([self._seed, 7, _FRAME, frame])
         measured = measure_depth(depth_m, intrinsics, self._config, self._scale_error, generator)

@@ -11,15 +11,10 @@ from anm_mj.sim.sensors.sensor_config import SensorConfig
 def measure_color(
     rgb: UInt8[np.ndarray, "h w 3"], config: SensorConfig, generator: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """One colour image of a camera.
+    """One colour image of a camera, with ``noise_scale`` multiplied into its settings.
 
     The variance of a value is ``color_sigma^2 + color_gain * value`` (Foi et al., Practical Poissonian-Gaussian noise
     modeling and fitting for single-image raw-data, IEEE Transactions on Image Processing 17(10), 2008).
-
-    Args:
-        rgb: what the renderer drew.
-        config: the sensor, with ``noise_scale`` multiplied in.
-        generator: draws this frame's noise.
     """
     if config.color_sigma == config.color_gain == config.exposure_sigma == 0.0:
         return rgb

@@ -23,14 +23,10 @@ def measure_depth(
     scale_error: float,
     generator: np.random.Generator,
 ) -> Float32[np.ndarray, "h w"]:
-    """One depth image of a sensor.
+    """One depth image of a sensor with ``noise_scale`` multiplied in (:meth:`SensorConfig.scaled`).
 
-    Args:
-        depth_m: exact planar depth [m]; not finite where nothing was hit.
-        intrinsics: the camera.
-        config: the sensor, with ``noise_scale`` multiplied in (:meth:`SensorConfig.scaled`).
-        scale_error: this camera's systematic error as a share of the depth.
-        generator: draws this frame's noise.
+    ``depth_m`` is exact planar depth [m], not finite where nothing was hit; ``scale_error`` is this camera's systematic
+    error as a share of the depth.
     """
     hit = is_measured(depth_m)
     exact = depth_m if hit.all() else np.where(hit, depth_m, np.float32(np.inf))
@@ -54,11 +50,9 @@ def measure_depth(
 
 
 def depth_edges(inverse_depth: Float32[np.ndarray, "h w"], jump: float) -> Bool[np.ndarray, "h w"]:
-    """Pixels beside a step in depth: inverse depth is linear over a plane, so its second difference tells steps.
+    """Pixels beside a step in depth of at least ``jump``, a share of the depth.
 
-    Args:
-        inverse_depth: of planar depth [1/m]; 0 where nothing was hit.
-        jump: least step as a share of the depth.
+    Inverse depth [1/m], 0 where nothing was hit, is linear over a plane, so its second difference tells steps.
     """
     edge = np.zeros(inverse_depth.shape, bool)
     for axis in (0, 1):
@@ -82,7 +76,6 @@ def incidence_cosine(inverse_depth: Float32[np.ndarray, "h w"], intrinsics: Intr
 def _jittered(
     depth_m: Float32[np.ndarray, "h w"], sigma_px: float, generator: np.random.Generator
 ) -> Float32[np.ndarray, "h w"]:
-    """Depth taken from a place beside each pixel."""
     if sigma_px == 0.0:
         return depth_m
     height, width = depth_m.shape

@@ -26,12 +26,6 @@ class NoisyOdometry:
     """
 
     def __init__(self, config: SensorConfig, seed: int) -> None:
-        """Start without a pose.
-
-        Args:
-            config: the sensor, with its settings of odometry.
-            seed: of the noise.
-        """
         scaled = config.scaled()
         self._alpha = scaled.odometry_alpha
         self._scale = 1.0 + scaled.odometry_radius_error

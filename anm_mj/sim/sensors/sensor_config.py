@@ -6,7 +6,7 @@ import functools
 from dataclasses import dataclass, replace
 
 from anm_mj.errors import RobotError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 DEPTH_MODELS = ("exact", "stereo", "tof")
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
@@ -14,7 +14,7 @@ _from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 
 
 @dataclass(frozen=True)
-class SensorConfig:
+class SensorConfig(Settings, group="sensor", error=RobotError):
     """Settings of the camera's depth and colour noise and of the wheel odometry's noise.
 
     ``noise_scale`` multiplies every standard deviation, every systematic error and every probability of a missing pixel
@@ -77,7 +77,7 @@ class SensorConfig:
         Raises:
             RobotError: a choice is unknown, or a number is out of its range.
         """
-        check_settings(self, "sensor", RobotError)
+        super().__post_init__()
         if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):
             raise RobotError(
                 f"sensor.baseline_m is {self.baseline_m:g} and sensor.native_width_px is {self.native_width_px:g}; "
@@ -100,27 +100,17 @@ class SensorConfig:
         The angle from which pixels go missing moves from 90 degrees towards the camera's axis with the scale.
         """
         k = self.noise_scale
-        rotation_rotation, rotation_translation, translation_translation, translation_rotation = self.odometry_alpha
+        deviations = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error")
+        deviations += ("color_sigma", "exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
+        scaled = {name: k * getattr(self, name) for name in deviations}
+        scaled |= {name: min(k * getattr(self, name), 1.0) for name in ("edge_missing", "flying_share")}
+        a1, a2, a3, a4 = self.odometry_alpha
         return replace(
             self,
             noise_scale=1.0,
-            lateral_sigma_px=k * self.lateral_sigma_px,
-            edge_missing=min(k * self.edge_missing, 1.0),
             grazing_missing_deg=max(90.0 - k * (90.0 - self.grazing_missing_deg), 0.0),
-            subpixel_sigma_px=k * self.subpixel_sigma_px,
-            tof_sigma_m=k * self.tof_sigma_m,
-            tof_scale_error=k * self.tof_scale_error,
-            flying_share=min(k * self.flying_share, 1.0),
-            color_sigma=k * self.color_sigma,
-            color_gain=k**2 * self.color_gain,
-            exposure_sigma=k * self.exposure_sigma,
             # Variances.
-            odometry_alpha=(
-                k**2 * rotation_rotation,
-                k**2 * rotation_translation,
-                k**2 * translation_translation,
-                k**2 * translation_rotation,
-            ),
-            odometry_radius_error=k * self.odometry_radius_error,
-            odometry_yaw_bias_deg_per_m=k * self.odometry_yaw_bias_deg_per_m,
+            color_gain=k**2 * self.color_gain,
+            odometry_alpha=(k**2 * a1, k**2 * a2, k**2 * a3, k**2 * a4),
+            **scaled,
         )

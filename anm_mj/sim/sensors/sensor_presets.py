@@ -48,7 +48,6 @@ SENSORS: dict[str, SensorConfig] = {
         exposure_sigma=0.02,
     ),
 }
-"""Sensors by name."""
 
 
 def sensor_config(name: str) -> SensorConfig:

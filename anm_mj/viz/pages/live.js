@@ -16,25 +16,60 @@
   if (window.innerWidth <= 640) element("legend").open = false;
 
   let ended = false;
-  function end(text) {
+  function end(text, lost) {
     ended = true;
     element("ended").textContent = text;
+    element("ended").classList.toggle("lost", lost);
     element("ended").hidden = false;
+    element("pace").textContent = "–";
+  }
+
+  // The last steps tell the pace: [step, time in s].
+  const RECENT = 100, recent = [];
+  function pace(step, numSteps) {
+    const now = performance.now() / 1000;
+    recent.push([step, now]);
+    if (recent.length > RECENT) recent.shift();
+    const [firstStep, begin] = recent[0];
+    if (now - begin < 1 || step === firstStep) return;
+    const rate = (step - firstStep) / (now - begin), left = Math.ceil((numSteps - step) / rate);
+    const minutes = Math.floor(left / 60), seconds = String(left % 60).padStart(2, "0");
+    element("pace").textContent = rate.toFixed(rate < 10 ? 1 : 0) + " steps/s" + (numSteps ? ", at most " + minutes + ":" + seconds + " min left" : "");
+  }
+
+  // Completion [%] over steps; the budget is the width, 100 % the height.
+  function draw(points, numSteps) {
+    const canvas = element("curve"), context = canvas.getContext("2d");
+    canvas.hidden = points.length < 2;
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    context.strokeStyle = "#d5d9de";
+    context.strokeRect(0.5, 0.5, canvas.width - 1, canvas.height - 1);
+    context.beginPath();
+    context.strokeStyle = "#2b6ca3";
+    context.lineWidth = 2;
+    const width = numSteps || points[points.length - 1][0];
+    for (const [step, percent] of points) context.lineTo(canvas.width * step / width, canvas.height * (1 - percent / 100));
+    context.stroke();
   }
   function tell(status) {
     if (status.title) { element("title").textContent = status.title; document.title = status.title; }
     if (status.step !== undefined) element("step").textContent = status.num_steps ? status.step + " of at most " + status.num_steps : status.step;
+    if (status.step && !ended) pace(status.step, status.num_steps);
     if (status.completed) element("coverage").textContent = status.completed;
+    if (status.curve) draw(status.curve, status.num_steps);
     if (status.reason) element("reason").textContent = status.reason;
     if (status.picture) { element("picture").src = status.picture; element("picture").hidden = false; }
-    if (status.ended) end(status.ended);
+    if (status.ended) end(status.ended, false);
   }
   const connection = new WebSocket("ws://" + location.host);
   connection.binaryType = "arraybuffer";
   connection.onmessage = (message) => {
     if (typeof message.data === "string") tell(JSON.parse(message.data));
-    else viewer.handle_command_bytearray(new Uint8Array(message.data));
+    else {
+      viewer.handle_command_bytearray(new Uint8Array(message.data));
+      element("meshcat-pane").classList.remove("waiting");
+    }
   };
-  connection.onclose = () => { if (!ended) end("The connection is lost: the run has ended, or this machine cannot reach it."); };
+  connection.onclose = () => { if (!ended) end("The connection is lost: the run has ended, or this machine cannot reach it.", true); };
   window.live = { viewer };
 })();

@@ -8,6 +8,7 @@ import pytest
 
 from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
+from anm_mj.protocols import Mapper
 from anm_mj.types import Action, Plan, Pose2, StopReason
 from tests.box_room import observe
 
@@ -45,7 +46,7 @@ def wrong(**values):
 
 
 def decided(policy):
-    return GuardedPolicy(policy, "my:Own").plan(Mock(), observe(3, HERE))
+    return GuardedPolicy(policy, "my:Own").plan(Mock(Mapper), observe(3, HERE))
 
 
 @pytest.mark.parametrize(
@@ -104,7 +105,7 @@ def test_what_a_policy_raises_stops_the_run_at_the_next_decision(where, error):
     policy = GuardedPolicy(fake, "my:Own")
     policy.observe(observe(3, HERE))
     policy.on_collision(HERE, Action.MOVE_FORWARD)
-    stopped = policy.plan(Mock(), observe(3, HERE))
+    stopped = policy.plan(Mock(Mapper), observe(3, HERE))
     assert stopped.stop is StopReason.POLICY_ERROR
     assert f"policy my:Own failed in {where}" in stopped.reason
     assert f"{type(error).__name__}: {error} (test_guarded_policy.py, line " in stopped.reason
@@ -120,4 +121,4 @@ def test_an_error_of_the_map_is_not_the_policys():
 
 def test_a_policy_cannot_end_the_program_as_if_all_were_well():
     policy = GuardedPolicy(Fake(raises=SystemExit(0)), "my:Own")
-    assert policy.plan(Mock(), observe(3, HERE)).stop is StopReason.POLICY_ERROR
+    assert policy.plan(Mock(Mapper), observe(3, HERE)).stop is StopReason.POLICY_ERROR

@@ -11,6 +11,7 @@ from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.return_to_start import ReturnToStart
+from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
     FREE,
@@ -44,7 +45,7 @@ def mapper_of(grid):
     def sdf(points):
         return np.full(len(points), 0.1, np.float32)
 
-    return Mock(occupancy_grid=lambda: grid, sdf=sdf, truncation_m=0.1)
+    return Mock(Mapper, occupancy_grid=lambda: grid, sdf=sdf, truncation_m=0.1)
 
 
 class Goes:

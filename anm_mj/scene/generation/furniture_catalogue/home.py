@@ -13,7 +13,6 @@ from anm_mj.scene.generation.textures import abstract, landscape, plain, rgb, st
 
 @furniture
 def sofa_group(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
-    """A sofa with a low table before it, a rug below."""
     pillows = (plain(s.colours[3]), plain(s.colours[4]), s.cloth_2)[: max(1, round(width_m / 0.8))]
     seed, books = int(rng.integers(1000)), int(rng.integers(2, 5))
     solids = ((-width_m / 2, -0.93, width_m / 2, -0.015), (-0.28 * width_m, -1.75, 0.28 * width_m, -1.25))
@@ -28,7 +27,6 @@ def sofa_group(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design
 
 @furniture
 def armchair(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A chair to sit back in."""
     cover = s.cloth_2 if rng.random() < 0.5 else s.cloth
     yield in_corner("armchair", 0.55, (0.05, 1.05), 0.85, front_m=0.4)
     yield seating.sofa(0.95, cover, (s.cloth,), DARK).placed(0.0, -0.55, 12.0)
@@ -36,7 +34,6 @@ def armchair(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def television(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A low chest with a television on it."""
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     yield against_wall("television", width, 0.45, 1.2)
     yield tables.chest(width, 0.42, 0.46, 1, s.wood_dark, WHITE)
@@ -46,7 +43,6 @@ def television(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """High shelves with books."""
     width, seed, height = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000)), float(rng.uniform(1.8, 2.1))
     yield against_wall("bookcase", width, 0.28, height)
     yield storage.bookcase(width, height, 5, s.wood, seed)
@@ -54,7 +50,6 @@ def bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def low_bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Low shelves with books, and something on them."""
     width, seed, height = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000)), 1.1
     yield against_wall("bookcase", width, 0.28, height)
     yield storage.bookcase(width, height, 3, s.wood, seed)
@@ -64,7 +59,6 @@ def low_bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def drawers(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A chest of drawers with a lamp and small things."""
     width, rows, seed = float(rng.uniform(0.9, 1.4)), int(rng.integers(2, 4)), int(rng.integers(1000))
     height = 0.28 * rows + 0.1
     yield against_wall("drawers", width, 0.44, height)
@@ -76,7 +70,6 @@ def drawers(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
-    """A bed with its head to the wall and a small chest beside it, or two."""
     sides, pillows = ((-1, 1), (WHITE, WHITE)) if width_m > 1.3 else ((1,), (WHITE,))
     seed = int(rng.integers(1000))
     solids = [(-width_m / 2 - 0.02, -2.12, width_m / 2 + 0.02, -GAP_M)]
@@ -95,7 +88,6 @@ def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
 
 @furniture
 def couch_bed(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A narrow bed with its side to the wall."""
     yield Piece("bed", "wall", ((-1.07, -0.93, 1.07, -GAP_M),), 0.6, 0.9)
     bed = tables.bed(0.9, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, (plain(s.colours[3]),))
     yield bed.placed(1.05, -0.47, -90.0)
@@ -103,7 +95,6 @@ def couch_bed(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def wardrobe(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A closed wardrobe."""
     width = float(rng.choice([1.0, 1.5, 2.0]))
     yield against_wall("wardrobe", width, 0.62, 2.1, 0.7)
     yield storage.wardrobe(width, 2.1, 0.58, s.wood_dark, s.wood, METAL)
@@ -111,7 +102,6 @@ def wardrobe(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def desk(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A desk with a screen and a swivel chair."""
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     turn = float(rng.uniform(120.0, 240.0))
     yield Piece("desk", "wall", ((-width / 2, -0.7, width / 2, -GAP_M), (-0.42, -1.17, 0.22, -0.53)), 0.45, 0.8)
@@ -125,7 +115,6 @@ def desk(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
-    """A table with chairs about it, pulled out a little."""
     width = 0.9 if seats == 2 else 1.3 if seats == 4 else 1.9
     depth, seed = 0.85, int(rng.integers(1000))
     per_side = max(1, seats // 2)
@@ -149,7 +138,6 @@ def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
 
 @furniture
 def cubbies(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A low shelf of boxes and toys."""
     seed = int(rng.integers(1000))
     yield against_wall("cubbies", 1.46, 0.34, 0.74)
     columns, rows, cell, wall, depth = range(4), range(2), 0.36, 0.02, 0.32
@@ -175,7 +163,6 @@ def cubbies(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def plant(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A plant in a pot on the floor."""
     height, seed, leaves = float(rng.uniform(0.9, 1.5)), int(rng.integers(1000)), int(rng.integers(11, 18))
     reach = 0.1 + 0.3 * height
     yield in_corner("plant", reach, (0.0, 2 * reach), height)
@@ -184,14 +171,12 @@ def plant(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def floor_lamp(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A lamp on a thin pole."""
     yield in_corner("floor lamp", 0.2, (0.02, 0.42), 1.6)
     yield decor.floor_lamp(rgb("ffe9b8")).placed(0.0, -0.22)
 
 
 @furniture
 def basket(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A basket or bin."""
     radius, height = float(rng.uniform(0.13, 0.2)), float(rng.uniform(0.3, 0.5))
     yield in_corner("basket", radius, (0.03, 2 * radius + 0.03), height)
     yield clutter.basket(radius, height, s.cloth_2).placed(0.0, -radius - 0.03)
@@ -199,7 +184,6 @@ def basket(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def cartons(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Cardboard boxes on one another."""
     w, d, turn = float(rng.uniform(0.36, 0.5)), float(rng.uniform(0.3, 0.4)), float(rng.uniform(-15.0, 15.0))
     half = 0.56 * max(w, d)
     yield in_corner("cartons", half, (0.0, 2 * half), 0.6)
@@ -209,14 +193,12 @@ def cartons(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def shoes(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A pair of shoes by the wall."""
     yield Piece("shoes", "wall", ((-0.13, -0.33, 0.15, -0.02),), 0.0, 0.12)
     yield clutter.pair_of_shoes(s.colours[2]).placed(0.0, -0.18)
 
 
 @furniture
 def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Building blocks, a car and a ball on the floor."""
     seed = int(rng.integers(1000))
     yield Piece("toys", "middle", ((-0.47, -0.45, 0.5, 0.4),), 0.0, 0.2)
     yield clutter.toy_blocks(seed)
@@ -226,7 +208,6 @@ def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def beanbag(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A soft seat."""
     yield in_corner("beanbag", 0.43, (0.02, 0.88), 0.6)
     half = [(0.0, 0.0), (0.3, 0.0), (0.41, 0.1), (0.42, 0.2), (0.34, 0.36), (0.18, 0.5), (0.06, 0.58), (0.0, 0.59)]
     yield lathe(half, s.cloth_2, 16).placed(0.0, -0.45)
@@ -234,21 +215,18 @@ def beanbag(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def chair(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A chair by the wall."""
     yield Piece("chair", "wall", ((-0.22, -0.45, 0.22, -0.02),), 0.3, 0.9)
     yield seating.chair(s.wood, s.paint).placed(0.0, -0.24)
 
 
 @furniture
 def stool(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A stool with three thin legs."""
     yield in_corner("stool", 0.2, (0.02, 0.42), 0.46)
     yield seating.stool(s.wood, s.cloth).placed(0.0, -0.22)
 
 
 @furniture
 def hall_table(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A narrow chest with a lamp."""
     seed = int(rng.integers(1000))
     yield against_wall("hall table", 0.9, 0.31, 0.75, 0.75)
     yield tables.chest(0.9, 0.28, 0.75, 2, s.wood_dark, s.wood)
@@ -258,7 +236,6 @@ def hall_table(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def coat_rack(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Coats on hooks."""
     coats = (s.cloth, s.cloth_2, plain(s.colours[7]), plain(s.colours[9]))[: int(rng.integers(2, 5))]
     width = 0.36 * len(coats)
     yield Piece("coat rack", "wall", ((-width / 2 - 0.02, -0.15, width / 2 + 0.02, 0.0),), 0.75, 1.74)
@@ -272,14 +249,12 @@ def coat_rack(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def rug(s: RoomStyle, rng: np.random.Generator, width_m: float, depth_m: float) -> Design:
-    """A carpet in the middle."""
     yield Piece("rug", "rug", ((-width_m / 2, -depth_m / 2, width_m / 2, depth_m / 2),), 0.0, 0.01)
     yield decor.rug_on_floor((width_m, depth_m), s.colours[1], s.colours[6], s.colours[3])
 
 
 @furniture
 def picture(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A painting."""
     width, height, seed = float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 0.65)), int(rng.integers(1000))
     image = landscape(seed, width, height) if rng.random() < 0.5 else abstract(seed, width, height)
     yield on_wall("picture", width / 2 + 0.05, 0.03, 2.1)
@@ -288,7 +263,6 @@ def picture(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def curtains(s: RoomStyle, rng: np.random.Generator, window_m: float) -> Design:
-    """A curtain on either side of a window."""
     cloth = stripes(s.colours[3], s.colours[5], 0.07) if rng.random() < 0.5 else s.cloth_2
     reach = window_m / 2 + 0.2
     solids = ((-reach - 0.16, -0.1, -reach + 0.16, 0.0), (reach - 0.16, -0.1, reach + 0.16, 0.0))

@@ -14,7 +14,6 @@ from anm_mj.scene.generation.textures import glow, plain, rgb, stone, tiles
 
 @furniture
 def kitchen_counter(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
-    """Worktop with oven and sink, cupboards above, things lying about, a fridge at its end."""
     total, x = width_m + 0.65, -0.325
     solids = ((-total / 2, -0.65, total / 2 - 0.62, 0.0), (total / 2 - 0.64, -0.71, total / 2, 0.0))
     yield Piece("kitchen counter", "wall", solids, 0.8, 1.8, GAP_M)
@@ -31,7 +30,6 @@ def kitchen_counter(s: RoomStyle, rng: np.random.Generator, width_m: float) -> D
 
 @furniture
 def worktop(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
-    """Worktop with oven and sink, low enough for below a window."""
     yield Piece("worktop", "wall", ((-width_m / 2, -0.65, width_m / 2, 0.0),), 0.7, 0.9, GAP_M)
     yield kitchen.counter(width_m, s.paint, stone(rgb("e4ded2"), rgb("8f8578")), oven_at_m=-width_m / 4)
     yield kitchen.sink().placed(width_m / 4, 0.0, 0.0, 0.9)
@@ -41,7 +39,6 @@ def worktop(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
 
 @furniture
 def bathtub(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A tub with tiles before it."""
     apron = tiles(s.colours[0], s.colours[0], 0.1, rgb("e9f2f4"))
     width = float(rng.uniform(1.5, 1.75))
     yield against_wall("bathtub", width, 0.76, 0.8, 0.5)
@@ -52,7 +49,6 @@ def bathtub(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def toilet(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A toilet."""
     yield against_wall("toilet", 0.46, 0.66, 0.82, 0.5)
     bowl = [(0.11, 0.0), (0.12, 0.1), (0.17, 0.3), (0.2, 0.38), (0.21, 0.41), (0.2, 0.43), (0.0, 0.44)]
     yield lathe(bowl, PORCELAIN, 16).placed(0.0, -0.42)
@@ -63,7 +59,6 @@ def toilet(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A wash-basin with a mirror."""
     yield against_wall("basin", 0.74, 0.48, 1.9, 0.6)
     yield box((-0.35, -0.43, 0.1), (0.35, 0.0, 0.78), s.paint, "+y")
     for x in (-0.34, 0.01):
@@ -82,7 +77,6 @@ def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def washing_machine(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A washing machine."""
     yield against_wall("washing machine", 0.6, 0.6, 0.85, 0.6)
     yield cushion((-0.3, -0.57, 0.0), (0.3, 0.0, 0.85), 0.015, PORCELAIN, "-z +y", segments=1)
     ring = lathe([(0.0, 0.0), (0.13, 0.0), (0.17, 0.0), (0.17, 0.02), (0.13, 0.03), (0.0, 0.02)], STEEL, 16)
@@ -93,7 +87,6 @@ def washing_machine(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def towels(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Towels on a rail."""
     yield on_wall("towels", 0.37, 0.09, 1.3)
     x, width = 0.35, 0.7
     yield strut((-x, -0.06, 1.2), (x, -0.06, 1.2), 0.01, STEEL)
@@ -107,7 +100,6 @@ def towels(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def bottle_shelf(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A board with bottles."""
     yield on_wall("shelf", 0.3, 0.2, 1.6)
     yield box((-0.6 / 2, -0.2, 1.25), (0.6 / 2, 0.0, 1.25 + 0.03), PORCELAIN, "+y")
     yield clutter.bottle(rgb("5aa9c9")).placed(-0.15, -0.1, 0.0, 1.28)

@@ -15,7 +15,6 @@ _GREY = plain(rgb("c9ccd1"), 0.03)
 
 @furniture
 def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Design:
-    """Desks face to face with screens, a low partition between them and a swivel chair at each."""
     width, depth = 1.5, 0.7
     total = per_side * width
     seats = [(-total / 2 + (k + 0.5) * width, side) for k in range(per_side) for side in (-1, 1)]
@@ -41,7 +40,6 @@ def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Design
 
 @furniture
 def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
-    """A long table with swivel chairs."""
     per_side = seats // 2
     width, depth = 0.8 * per_side, 1.1
     places = [
@@ -62,7 +60,6 @@ def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
 
 @furniture
 def whiteboard(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A white board with a few strokes on it."""
     width, seed = float(rng.uniform(1.2, 2.0)), int(rng.integers(1000))
     yield on_wall("whiteboard", width / 2 + 0.05, 0.05, 1.95)
     yield decor.picture(width, 0.9, 1.0, plain(rgb("f6f8f9"), 0.01), METAL)
@@ -71,7 +68,6 @@ def whiteboard(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Cabinets of drawers side by side, a printer or a plant on top."""
     width, seed = float(rng.choice([0.8, 1.2])), int(rng.integers(1000))
     yield against_wall("filing cabinet", width, 0.54, 1.35, 0.6)
     yield tables.chest(width, 0.5, 1.0, 3, _GREY, _GREY)
@@ -82,7 +78,6 @@ def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 
 def _printer() -> Quads:
-    """A desktop printer about the origin."""
     return join(
         box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
         box((-0.2, -0.3, 0.06), (0.2, -0.2, 0.08), DARK),
@@ -92,7 +87,6 @@ def _printer() -> Quads:
 
 @furniture
 def copier(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A large copier on the floor."""
     shell = plain(rgb("dcdee1"), 0.02)
     yield against_wall("copier", 1.26, 0.68, 1.02, 0.7)
     yield box((-0.32, -0.64, 0.04), (0.32, 0.0, 0.86), shell, "+y -z")
@@ -105,7 +99,6 @@ def copier(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def racks(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """Open metal shelves full of boxes and folders."""
     width, seed = float(rng.uniform(1.0, 1.6)), int(rng.integers(1000))
     yield against_wall("shelves", width, 0.4, 2.0, 0.6)
     yield storage.bookcase(width, 2.0, 5, METAL, seed, 0.4)
@@ -113,14 +106,12 @@ def racks(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def lockers(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A row of lockers."""
     yield against_wall("lockers", 1.2, 0.5, 1.9, 0.6)
     yield storage.wardrobe(1.2, 1.9, 0.45, METAL, s.paint, DARK)
 
 
 @furniture
 def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A counter to stand at, with a screen behind it."""
     width, seed = float(rng.uniform(1.8, 2.4)), int(rng.integers(1000))
     x = width / 2
     yield Piece("reception desk", "middle", ((-x - 0.03, -0.4, x + 0.03, 0.35), (-0.12, 0.43, 0.52, 1.07)), 0.8, 1.2)
@@ -136,7 +127,6 @@ def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A bench with instruments."""
     width, seed = float(rng.uniform(1.8, 2.6)), int(rng.integers(1000))
     yield against_wall("laboratory bench", width, 0.66, 1.5, 0.8)
     yield kitchen.counter(width, _GREY, DARK)
@@ -149,7 +139,6 @@ def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def laboratory_island(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A high table on thin legs with stools about it."""
     width, seed = float(rng.uniform(1.5, 2.0)), int(rng.integers(1000))
     stools = [(x, y) for x in (-0.35 * width, 0.35 * width) for y in (-0.68, 0.68)]
     solids = [(-width / 2, -0.45, width / 2, 0.45), *((x - 0.19, y - 0.19, x + 0.19, y + 0.19) for x, y in stools)]
@@ -165,7 +154,6 @@ def laboratory_island(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 @furniture
 def water_dispenser(s: RoomStyle, rng: np.random.Generator) -> Design:
-    """A water dispenser."""
     bottle = [(0.05, 0.0), (0.13, 0.05), (0.13, 0.3), (0.1, 0.34), (0.0, 0.34)]
     yield against_wall("water dispenser", 0.36, 0.36, 1.35, 0.5)
     yield box((-0.16, -0.34, 0.0), (0.16, -0.02, 1.0), WHITE, "-z +y")

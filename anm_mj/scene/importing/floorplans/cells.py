@@ -19,7 +19,6 @@ _MIN_ROOM_CELLS = 40
 _MAX_EXTENT_M = 500.0
 """Larger plans are mostly not in metres [m]."""
 _MAX_CELLS = 8_000_000
-"""Most cells of a grid, which rooms are found in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +109,10 @@ def whole_rooms(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows c
 def take_passages(
     plan: CellPlan, doors_m: Float64[np.ndarray, "n 2 2"], depth_m: float
 ) -> tuple[CellPlan, list[Passage]]:
-    """Cut the floor about every door's segment out of the rooms and make a passage of it.
+    """Cut the floor about every door's segment out of the rooms, which adjoin there, and make a passage of it.
 
-    Args:
-        plan: Rooms that adjoin one another at the doors.
-        doors_m: Both ends of every door's opening [m].
-        depth_m: Length of a passage, no more than the thickness of the walls [m].
-
-    Returns:
-        The rooms without the passages' floors, and the passages that join two rooms.
+    ``doors_m`` are both ends of every door's opening [m]; a passage is ``depth_m`` long, no more than the walls are
+    thick [m]. Returns the rooms without the passages' floors, and the passages that join two rooms.
 
     Raises:
         ValueError: if a door is far from the rooms.

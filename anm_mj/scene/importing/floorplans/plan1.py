@@ -63,7 +63,6 @@ def read_plan1(plan: Any) -> Building:
 
 
 def _polygon(entry: dict[str, Any]) -> shapely.Polygon:
-    """An outline with its holes, repaired where it crosses itself."""
     polygon = shapely.Polygon(entry["exterior"], entry.get("holes", []))
     repaired = polygon if polygon.is_valid else shapely.make_valid(polygon)
     parts = [part for part in shapely.get_parts(repaired) if isinstance(part, shapely.Polygon)]

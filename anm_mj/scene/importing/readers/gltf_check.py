@@ -203,10 +203,7 @@ def _morphed(gltf: GltfFile) -> Iterator[str]:
 
 
 def _undecodable(gltf: GltfFile) -> Iterator[str]:
-    """Names of the pictures of colours that the library would leave out without a word.
-
-    What is missing is noted when it is looked for; what is there is opened here, and not decoded.
-    """
+    """Names of the pictures of colours that the library would silently leave out; missing ones are noted elsewhere."""
     textures = {slot["index"]: gltf.entry("textures", slot["index"]) for slot in _colour_slots(gltf)}
     yield from (
         f"texture {index}"
@@ -226,7 +223,6 @@ def _undecodable(gltf: GltfFile) -> Iterator[str]:
 
 
 def _colour_slots(gltf: GltfFile) -> list[dict[str, Any]]:
-    """How each material that takes its colour from a texture names it."""
     return [slot for material in gltf.listed("materials") if (slot := colour_slot(material)) is not None]
 
 

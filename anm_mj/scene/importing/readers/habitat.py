@@ -39,7 +39,6 @@ class Dataset:
     """A dataset whose scenes are composed."""
 
     name: str
-    """Name of the format."""
     title: str
     licence: str
     prefix: str
@@ -130,7 +129,6 @@ class _Placement:
 
 
 def _placements(scene: dict[str, Any]) -> list[_Placement]:
-    """All instances of a scene, the stage first."""
     # Habitat's default is the centre of mass, which it takes from the bounding box.
     usual = str(scene.get("translation_origin", "com"))
     entries = [(scene["stage_instance"], "asset_local")] if scene.get("stage_instance") else []
@@ -153,8 +151,6 @@ def _placements(scene: dict[str, Any]) -> list[_Placement]:
 
 
 class _Templates:
-    """The templates of one scene, each read once."""
-
     def __init__(self, src: Path, folders: Sequence[Path], names: set[str], report: ImportReport) -> None:
         self._folders = folders
         self._places = places_of(src, folders)
@@ -179,7 +175,6 @@ class _Templates:
         return [replace(transformed(submesh, matrix, shift), part=placement.template) for submesh in submeshes]
 
     def _read(self, name: str) -> list[Submesh]:
-        """The submeshes of a template as it is made, turned to y up."""
         path = self._files.get(name)
         if path is None:
             self._report.add(_NO_TEMPLATE, name)
@@ -223,7 +218,6 @@ def _canonical_axes(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:
 
 
 def _find_templates(folders: Sequence[Path], names: set[str]) -> dict[str, Path]:
-    """The file of every template that is somewhere below the folders."""
     found: dict[str, tuple[int, Path]] = {}
     for folder in folders:
         for parent, below, files in os.walk(folder):

@@ -17,7 +17,6 @@ from anm_mj.scene.submesh import Submesh
 from anm_mj.utils.file_limits import MAX_TEXTURE_MEGAPIXELS, limit
 
 MAX_MESH_MIB = limit("ANM_MJ_MAX_MESH_MIB", 4096)
-"""Largest mesh file [MiB]."""
 MAX_PARTS = limit("ANM_MJ_MAX_PARTS", 5000)
 """Most meshes, with materials of their own, in one file."""
 MAX_TRIANGLES = limit("ANM_MJ_MAX_TRIANGLES", 6_000_000)
@@ -49,7 +48,7 @@ def check_parts(src: Path, parts: int) -> None:
     if parts > MAX_PARTS:
         raise LimitError(
             f"{src} consists of {parts:.4g} meshes, but files end at {MAX_PARTS}: join them, or set ANM_MJ_MAX_PARTS "
-            "if there should be so many."
+            "to allow more."
         )
 
 
@@ -58,7 +57,7 @@ def check_triangles(src: Path, triangles: int) -> None:
     if triangles > MAX_TRIANGLES:
         raise LimitError(
             f"{src} has {triangles:.4g} triangles, all copies counted, but scenes end at {MAX_TRIANGLES:.4g}: simplify "
-            "its meshes, or set ANM_MJ_MAX_TRIANGLES if there should be so many."
+            "its meshes, or set ANM_MJ_MAX_TRIANGLES to allow more."
         )
 
 
@@ -70,7 +69,7 @@ def check_spread(src: Path, triangles_m: Float[np.ndarray, "f 3 3"]) -> None:
         raise LimitError(
             f"{src} has {len(triangles_m):.4g} triangles that extend over {spread_km:.4g} km together, but scenes end "
             f"at {MAX_SPREAD_KM} km: large ones lie over one another; place each mesh once, or set "
-            "ANM_MJ_MAX_SPREAD_KM if there should be so many."
+            "ANM_MJ_MAX_SPREAD_KM to allow more."
         )
 
 
@@ -87,8 +86,7 @@ class TriangleBudget:
         if self._triangles > MAX_TRIANGLES:
             raise LimitError(
                 f"{self._src} places more than {MAX_TRIANGLES:.4g} triangles with the copies of its meshes (a copy "
-                f"counts for {_COPY_TRIANGLES} at least): place fewer, or set ANM_MJ_MAX_TRIANGLES if there should be "
-                "so many."
+                f"counts for {_COPY_TRIANGLES} at least): place fewer, or set ANM_MJ_MAX_TRIANGLES to allow more."
             )
 
 
@@ -105,5 +103,5 @@ def check_textures(src: Path, sizes_px: Iterable[tuple[int, int]], kept_px: int)
     if total > MAX_TEXTURE_MEGAPIXELS:
         raise LimitError(
             f"{src} has more than {MAX_TEXTURE_MEGAPIXELS} megapixels of textures: store pictures that are the same "
-            "once, shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS if there should be so many."
+            "once, shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS to allow more."
         )

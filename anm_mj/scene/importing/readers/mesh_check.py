@@ -16,7 +16,6 @@ from anm_mj.scene.importing.readers.obj_check import check_obj
 from anm_mj.utils.read_file import open_regular
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
-"""Mesh files that can be read."""
 
 _HEAD_BYTES = 65536
 """The header of a PLY file ends, and the first triangle of an ASCII STL file begins, within this many bytes."""
@@ -79,8 +78,6 @@ def _check_stl(src: Path, size: int) -> None:
 
 
 class _PlyElement(NamedTuple):
-    """An element in the header of a PLY file."""
-
     name: str
     stated: int | None
     """Stated number of rows; None where it is no number."""

@@ -17,7 +17,6 @@ class MeshFacts(NamedTuple):
     decodable: bool = True
     """Whether its textures can be decoded as far as it says."""
     draco: bool = False
-    """Whether triangles of it are Draco-compressed."""
     geometries: tuple[str, ...] = ()
     """COLLADA: the ids of the geometries that its scene shows."""
     uneven: bool = False

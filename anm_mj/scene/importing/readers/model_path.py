@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlparse
 
 from anm_mj.mjcf.read_mjcf import LEVELS_UP, top_folder
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.utils.files import home_folder
 from anm_mj.utils.read_file import read_bytes
 
 _VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
@@ -65,7 +66,7 @@ def world_places(world: Path, given: Sequence[Path]) -> Places:
     beside, above_world = [], [world.absolute().parent, *world.absolute().parent.parents][:_LEVELS]
     for above in above_world:
         beside += [above / "models", above / "gazebo_models", above]
-    home = Path.home()
+    home = home_folder()
     caches = [home / ".gazebo" / "models"]
     for cache in (home / ".gz" / "fuel", home / ".ignition" / "fuel"):
         caches += sorted(cache.glob("*/*/models"))

@@ -63,11 +63,7 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
 
     JPEG, PNG and WebP textures are decoded and reduced to 1024 px; colours per vertex or face become a texture.
     Transparency is not kept: glass is opaque, as to a depth camera that sees it. A COLLADA file's unit is applied, its
-    up axis is not.
-
-    Args:
-        src: A .glb, .gltf, .obj, .ply, .stl or .dae file.
-        report: Gets what the file refers to and is missing.
+    up axis is not. The report gets what the file refers to and is missing.
 
     Raises:
         SceneError: if the file is missing, of another format, empty, damaged, too large, or holds no triangles.
@@ -127,7 +123,6 @@ def _head(src: Path) -> bytes:
 
 
 def _collada_unit_m(src: Path) -> float:
-    """Metres per unit that a COLLADA file states; 1 by default."""
     stated = re.search(rb"<unit[^>]*\bmeter\s*=\s*[\"']([0-9.eE+-]+)[\"']", _head(src))
     try:
         unit_m = float(stated[1]) if stated else 1.0
@@ -146,7 +141,6 @@ class _PlacedMesh(NamedTuple):
 
 
 def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
-    """Every mesh of a scene at every place it stands, moved there."""
     import trimesh
 
     placed = []

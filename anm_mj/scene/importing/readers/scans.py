@@ -28,7 +28,6 @@ class ScanLayout:
     """How one data set lays out its scenes."""
 
     name: str
-    """Name of the format."""
     title: str
     licence: str
     find: Callable[[Path], Path | None]

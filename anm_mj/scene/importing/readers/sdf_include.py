@@ -55,7 +55,6 @@ class _Includes:
     _places: Places
     _report: ImportReport
     models: set[str] = field(default_factory=set)
-    """Names of the model folders that were used."""
 
     def expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
         """Put the model that an <include> names in its place, and mark models with the folder they came from."""
@@ -71,7 +70,6 @@ class _Includes:
                 self.expand(child, inner, folder, depth + 1)
 
     def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
-        """Replace an <include> by its model, under the name and pose that the <include> gives."""
         at = list(parent).index(include)
         parent.remove(include)
         uri = (include.findtext("uri") or "").strip()

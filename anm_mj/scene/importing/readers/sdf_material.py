@@ -26,7 +26,6 @@ from anm_mj.utils.read_file import read_bytes
 
 _UNKNOWN_SCRIPT = "Not found: the materials {names}; what is made of them comes out grey."
 _MAX_SCRIPT_MIB = 16
-"""Largest material script [MiB]."""
 _SMALLEST_SCALE = 1e-6
 """Textures that should repeat more often are not scaled."""
 
@@ -87,7 +86,6 @@ class MaterialReader:
         return scripted or (None if ambient is None else Material(ambient))
 
     def _scripted(self, name: str, script: ET.Element, folder: Path) -> Material | None:
-        """The material of a material script, or None if it is not there and unknown."""
         uris = [find_uri(uri.text or "", folder, self._places, self._report) for uri in script.findall("uri")]
         places = [place for place in uris if place is not None]
         listed = [[place] if os.path.isfile(place) else sorted(place.glob("*.material")) for place in places]
@@ -109,7 +107,6 @@ class MaterialReader:
         return None
 
     def _texture(self, name: str, places: list[Path], folder: Path) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The texture of that name or URI; None, with a note, if it is not there or cannot be decoded."""
         path = find_uri(name, folder, self._places, self._report) if "://" in name else None
         for place in places:
             path = path or find_texture(name, place if os.path.isdir(place) else place.parent)

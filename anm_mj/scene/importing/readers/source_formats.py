@@ -9,12 +9,11 @@ from functools import partial
 from pathlib import Path
 
 from anm_mj.errors import SceneError
+from anm_mj.mjcf.read_mjcf import is_mjcf
 from anm_mj.scene.importing.readers.gazebo import is_gazebo, read_gazebo
 from anm_mj.scene.importing.readers.habitat import DATASETS, is_scene_instance, read_scene_instance
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh_check import MESH_SUFFIXES
-from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
-from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import read_mesh_scene
 from anm_mj.scene.importing.readers.scans import SCAN_LAYOUTS, read_scan
@@ -32,9 +31,15 @@ class SceneFormat:
     """Reads a source, given folders to look for models in; reports what it must leave out."""
 
 
+def _read_mjcf(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
+    from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf  # Loads MuJoCo.
+
+    return read_mjcf(src, model_paths, report)
+
+
 FORMATS = (
     SceneFormat("gazebo", is_gazebo, read_gazebo),
-    SceneFormat("mjcf", is_mjcf, read_mjcf),
+    SceneFormat("mjcf", is_mjcf, _read_mjcf),
     *(
         SceneFormat(data.name, partial(is_scene_instance, dataset=data), partial(read_scene_instance, data))
         for data in DATASETS

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -126,17 +125,15 @@ def resized(texture: UInt8[np.ndarray, "h w 3"], side_px: int) -> UInt8[np.ndarr
 
 
 class TextureStore:
-    """Decoded textures of one mesh file, each once; the stored image is let go as soon as it is decoded."""
+    """Decoded textures of one mesh file, each once; an image is closed as soon as it is decoded."""
 
     def __init__(self) -> None:
-        self._textures: dict[int, UInt8[np.ndarray, "h w 3"]] = {}
-        # An image that were freed could lend its id to another.
-        self._images: list[Any] = []
+        # Images stay beside their ids: a freed one could lend its id to another.
+        self._decoded: dict[int, tuple[Image.Image, UInt8[np.ndarray, "h w 3"]]] = {}
 
     def texture(self, image: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
         """The texture of an image."""
-        if id(image) not in self._textures:
-            self._textures[id(image)] = shrunk(image)
-            self._images.append(image)
+        if id(image) not in self._decoded:
+            self._decoded[id(image)] = image, shrunk(image)
             image.close()
-        return self._textures[id(image)]
+        return self._decoded[id(image)][1]

@@ -65,7 +65,6 @@ def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
 
 
 def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: ImportReport) -> list[Submesh]:
-    """The submeshes of a <visual>, about its own origin."""
     shape = next(iter(visual.findall("geometry/*")), None)
     if shape is None:
         return []

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import mujoco
 import numpy as np
 from jaxtyping import Bool, Int
 
 from anm_mj.scene.importing.readers.parsed_scene import Joint
-
-if TYPE_CHECKING:
-    import mujoco
 
 _BUILDING_M = 3.0
 """A fixed base larger than this is a building, not the base of a robot in it [m]."""
@@ -53,8 +49,6 @@ def robot_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray,
 
 
 def _driven_bodies(model: mujoco.MjModel, actuator: int) -> set[int]:
-    import mujoco
-
     kinds, target = mujoco.mjtTrn, int(model.actuator_trnid[actuator, 0])
     kind = int(model.actuator_trntype[actuator])
     if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
@@ -91,8 +85,6 @@ def _fixed_extent_m(model: mujoco.MjModel, data: mujoco.MjData, root: int, top: 
 
 def joints_of(model: mujoco.MjModel, data: mujoco.MjData, names: list[str]) -> dict[str, Joint]:
     """The hinge or slide of every body that has exactly one joint, by the name of its part."""
-    import mujoco
-
     found, kinds = {}, mujoco.mjtJoint
     for body in np.flatnonzero(model.body_jntnum == 1).tolist():
         joint = int(model.body_jntadr[body])

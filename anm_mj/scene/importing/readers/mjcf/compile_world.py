@@ -2,46 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+import mujoco
 import numpy as np
 
 from anm_mj.errors import SceneError
 from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
-from anm_mj.mjcf.read_mjcf import TIMESTEPS_S, OutsideError, read_spec
+from anm_mj.mjcf.read_mjcf import TIMESTEPS_S, OutsideError, read_spec, root_tag
 from anm_mj.utils.file_limits import limit
 
-if TYPE_CHECKING:
-    import mujoco
-
-_HEAD_BYTES = 65536
 _SETTLE_S = 10.0
 """Bodies that still move after this time are taken as they are [s]."""
 MAX_SETTLE_WORK = limit("ANM_MJ_MAX_SETTLE_WORK", 30_000_000)
 """Most work of settling a world, all steps together, in about a third of a microsecond."""
 _REST = 0.01
 """Speeds [m/s, rad/s] below which everything counts as at rest."""
-
-
-def root_tag(src: Path) -> str:
-    """The name of the outermost element of an XML file, found in its beginning; empty for anything else."""
-    try:
-        with src.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-    except OSError:
-        return ""
-    found = re.match(
-        rb"(?:\xef\xbb\xbf)?(?:\s|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za-z_][\w.-]*)", head, re.DOTALL
-    )
-    return "" if found is None else found[1].decode()
-
-
-def is_mjcf(src: Path) -> bool:
-    """Whether a file is a MuJoCo model."""
-    return src.suffix.lower() in (".xml", ".mjcf") and src.is_file() and root_tag(src) == "mujoco"
 
 
 def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
@@ -51,8 +29,6 @@ def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
         SceneError: if the file is no MJCF, it or what it includes is missing or damaged, or it names files from
             elsewhere.
     """
-    import mujoco
-
     if not src.is_file():
         raise SceneError(f"{src} is no file: give the MJCF file of a world.")
     tag = root_tag(src)
@@ -82,8 +58,6 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
     Raises:
         SceneError: if the simulation diverges or needs more memory than the file gives it, or a geom is nowhere.
     """
-    import mujoco
-
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -100,8 +74,6 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    import mujoco
-
     kinds = mujoco.mjtWarning
     divergences = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
     shortest_s, longest_s = TIMESTEPS_S

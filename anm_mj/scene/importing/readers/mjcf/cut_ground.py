@@ -43,14 +43,10 @@ class Placement(NamedTuple):
 def ground_box(
     points_m: Float64[np.ndarray, "n 3"], obstacles_m: Float64[np.ndarray, "f 3 3"]
 ) -> tuple[Float64[np.ndarray, "2 3"], bool]:
-    """The box to which grounds are cut: about everything else, or wider where no walls enclose it [m].
+    """The box to which grounds are cut, and whether walls enclose it: then nothing beside it belongs to the building.
 
-    Args:
-        points_m: corners of everything that is no ground.
-        obstacles_m: triangles that the robot may meet.
-
-    Returns:
-        The box, and whether walls enclose it, so that nothing beside it belongs to the building.
+    It is the box about ``points_m``, the corners of everything that is no ground, or a wider one where no walls enclose
+    it; ``obstacles_m`` are the triangles that the robot may meet.
     """
     if not len(points_m):
         return np.array([[-_OPEN_M, -_OPEN_M, -_OPEN_M], [_OPEN_M, _OPEN_M, _OPEN_M]]) / 2.0, False
@@ -105,13 +101,9 @@ def cut_plane(
     box_m: Float64[np.ndarray, "2 3"],
     is_ground: bool,
 ) -> Shape | None:
-    """A plane as a rectangle in its own frame, cut to a box where it is endless or wide; None where nothing is left.
+    """A plane of half width and depth ``half_m`` (0: endless) as a rectangle in its own frame; None if nothing is left.
 
-    Args:
-        half_m: half its width and depth; 0 for endless [m].
-        place: of the plane.
-        box_m: as :func:`ground_box`.
-        is_ground: cut it however narrow it is.
+    It is cut to a box where it is endless or wide, or is the ground, however narrow [m].
     """
     low, high = _in_frame(box_m, place)
     for axis in range(2):

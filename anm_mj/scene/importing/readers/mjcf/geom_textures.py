@@ -8,8 +8,8 @@ is looked up by direction.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from jaxtyping import Float64, UInt8
 
@@ -18,9 +18,6 @@ from anm_mj.scene.importing.bake_colours import bake_colours
 from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
 from anm_mj.scene.submesh import Submesh
-
-if TYPE_CHECKING:
-    import mujoco
 
 _BOX_FACE_PX = 256
 """Resolution to which a cube texture is drawn onto the faces of a box [px]."""
@@ -69,8 +66,6 @@ class Looks:
         return [replace(plain, uv=np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1), texture=picture)]
 
     def _mapping(self, geom: int) -> _Mapping | None:
-        import mujoco
-
         model, material = self._model, int(self._model.geom_matid[geom])
         if material < 0:
             return None
@@ -86,8 +81,6 @@ class Looks:
 
     def _picture(self, texture: int) -> UInt8[np.ndarray, "h w 3"]:
         """A texture as stored, the six faces of a cube below one another."""
-        import mujoco
-
         if texture not in self._textures:
             stored = texture_image(self._model, texture)
             if int(self._model.tex_type[texture]) != mujoco.mjtTexture.mjTEXTURE_CUBE:
@@ -108,8 +101,6 @@ class Looks:
 
     def _extent(self, geom: int) -> Float64[np.ndarray, "3"]:
         """Half lengths of a geom as the renderer has them; 0 along an endless plane [m]."""
-        import mujoco
-
         size = np.asarray(self._model.geom_size[geom], dtype=np.float64)
         kind = int(self._model.geom_type[geom])
         if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
@@ -120,8 +111,6 @@ class Looks:
 
     def _cube(self, geom: int, shape: Shape, plain: Submesh, mapping: _Mapping) -> list[Submesh]:
         """A geom with a cube texture: a picture on every face of a box, colours at the corners of anything else."""
-        import mujoco
-
         stretch = self._extent(geom) if mapping.uniform else np.ones(3)
         faces = _cube_faces(self._picture(mapping.texture))
         if int(self._model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_BOX:

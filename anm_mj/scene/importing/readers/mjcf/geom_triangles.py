@@ -102,7 +102,6 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Shape | None:
 
 
 def _height_field(model: mujoco.MjModel, field: int) -> Shape | None:
-    """A height field with its sides and its base."""
     if field < 0:
         return None
     rows, cols = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
@@ -151,7 +150,6 @@ def unit_box() -> Shape:
 
 
 def _unit_sphere(slices: int, stacks: int) -> Shape:
-    """A sphere of radius 1 between circles of latitude."""
     half = max(1, stacks // 2)
     share = np.arange(-half, half + 1) / half
     return _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), 0.5 - 0.5 * share, slices)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import mujoco
 import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.frames import rigid_transform
 from anm_mj.scene.movable import Movable, Solid
 
-if TYPE_CHECKING:
-    import mujoco
-
 
 def free_bodies(model: mujoco.MjModel) -> list[int]:
     """Bodies with a free joint."""
-    import mujoco
-
     return model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist()
 
 
@@ -44,9 +38,6 @@ def movable_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, part: str)
 
 
 def _solid(model: mujoco.MjModel, data: mujoco.MjData, geom: int, inverse: Float64[np.ndarray, "4 4"]) -> Solid | None:
-    """The shape that a geom collides with, in the frame of its object."""
-    import mujoco
-
     kinds = mujoco.mjtGeom
     words = {
         int(kinds.mjGEOM_SPHERE): ("sphere", 1),

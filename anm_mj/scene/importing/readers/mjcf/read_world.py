@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from jaxtyping import Bool
 
@@ -35,11 +35,7 @@ from anm_mj.scene.importing.readers.mjcf.movables import free_bodies, movable_of
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.submesh import Submesh, transformed
 
-if TYPE_CHECKING:
-    import mujoco
-
 DRAWN_GROUPS = (0, 1, 2)
-"""Geom groups that MuJoCo draws by default."""
 
 _AXES = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}
 _UPRIGHT = 0.1
@@ -59,7 +55,7 @@ def read_mjcf(
     *,
     settle: bool = False,
     movable: bool = False,
-    groups: Collection[int] = DRAWN_GROUPS,
+    groups: Collection[int] | None = None,
 ) -> ParsedScene:
     """The world in an MJCF file, at its first key frame or as it is written.
 
@@ -69,6 +65,7 @@ def read_mjcf(
     Raises:
         SceneError: if the file cannot be compiled, or nothing in it is drawn.
     """
+    groups = DRAWN_GROUPS if groups is None else groups
     model = compiled(src, model_paths)
     data = initial_state(model, settle)
     reader = _Reader(model, data, groups)
@@ -100,8 +97,6 @@ def read_mjcf(
 
 class _Reader:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Collection[int]) -> None:
-        import mujoco
-
         self._model, self._data = model, data
         self._looks = Looks(model)
         self.names = part_names(model)
@@ -149,7 +144,6 @@ class _Reader:
         return drawn, solid
 
     def _add_grounds(self, shapes: dict[int, Shape], grounds: list[int]) -> None:
-        """Cut planes, height fields and wide flat boxes to everything else."""
         fields = {geom: shapes.pop(geom) for geom in grounds if geom in shapes}
         slabs = {geom: shapes.pop(geom) for geom in list(shapes) if self._is_slab[geom]}
         standing = {geom: self._placement(geom).moved(shape) for geom, shape in shapes.items()}
@@ -176,7 +170,7 @@ class _Reader:
         if total > MAX_TRIANGLES:
             raise SceneError(
                 f"The geoms of the world have {total:.4g} triangles, but they end at {MAX_TRIANGLES}: make its meshes "
-                "or its <quality numslices numstacks> coarser, or set ANM_MJ_MAX_TRIANGLES if there should be so many."
+                "or its <quality numslices numstacks> coarser, or set ANM_MJ_MAX_TRIANGLES to allow more."
             )
 
     def _check_extent(self, geom: int, shape: Shape) -> None:
@@ -224,8 +218,6 @@ def _report_left_out(
 
 def _drawn_tendons(model: mujoco.MjModel) -> int:
     """Number of the tendons that MuJoCo draws: those through places, not those that add up joints."""
-    import mujoco
-
     first = model.wrap_type[model.tendon_adr] if model.ntendon else np.zeros(0)
     seen = (model.tendon_group <= max(DRAWN_GROUPS)) & (model.tendon_rgba[:, 3] > 0.0)
     return int(np.count_nonzero(seen & (first != mujoco.mjtWrap.mjWRAP_JOINT)))

@@ -1,0 +1,31 @@
+"""Packages that only some commands need, and how to install them."""
+
+EXTRAS = {
+    "torch": "torch",
+    "dm_control": "environments",
+    "dm_env": "environments",
+    "gymnasium": "environments",
+    "stable_baselines3": "learn",
+    "mcap": "mcap",
+    "rosbags": "ros",
+    "robot_descriptions": "robots",
+    "ray": "ray",
+    "imageio_ffmpeg": "video",
+    "pandas": "pandas",
+}
+"""The extra of ``anm-mj`` that brings a module which the package itself does without."""
+
+
+def missing_package(error: ModuleNotFoundError) -> str | None:
+    """What to say where a package is not installed: one sentence with the command that installs it.
+
+    Args:
+        error: The failed import.
+
+    Returns:
+        The sentence; None where the module belongs to no extra.
+    """
+    module = (error.name or "").partition(".")[0]
+    if module not in EXTRAS:
+        return None
+    return f"This needs the package {module}, which is not installed: pip install 'anm-mj[{EXTRAS[module]}]'."
