@@ -152,7 +152,7 @@ def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> Fi
         mapper: The map.
         has_poses: Whether the poses of observations tell its motion roughly.
     """
-    from anm_mj.io.sequence import base_pose
+    from anm_mj.io.sequence_poses import base_pose
     from anm_mj.localisation.field_localiser import FieldLocaliser
 
     return FieldLocaliser(

@@ -17,7 +17,7 @@ from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX, reduce_depth
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.sequence import time_text
+from anm_mj.io.sequence_poses import time_text
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
