@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
 from anm_mj.frames import pose_matrix
-from anm_mj.io.sequence import SequenceWriter
+from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.types import Pose2
 from tests.mapping.ray_room import TABLE, Room
