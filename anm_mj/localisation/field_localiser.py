@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
+from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
@@ -55,6 +56,7 @@ class FieldLocaliser:
         odometry: bool,
         base_pose: Callable[[Float[np.ndarray, "4 4"]], Pose2] | None = None,
         lost: bool = False,
+        tilts: Sequence[Float[np.ndarray, "4 4"]] = (),
     ) -> None:
         """Start before the first frame.
 
@@ -67,6 +69,7 @@ class FieldLocaliser:
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
             lost: Whether there is a map already, in which of the first pose only height and tilt are known.
+            tilts: Camera poses with heights and tilts that a lost camera may have, in the place of the first pose's.
 
         Raises:
             MapError: The engine of the map cannot localise.
@@ -83,6 +86,7 @@ class FieldLocaliser:
         self._odometry = odometry
         self._base_pose = base_pose
         self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
+        self._tilts = tuple(tilts)
         self._num_frames = 0
         self._num_mapped = 0
         self._since_keyframe = 0
@@ -222,9 +226,8 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
         by_depth = neural_map.occupancy.by_depth
-        believed = finder.look(
-            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, by_depth
-        )
+        tilts = self._possible_tilts(prior, points)
+        believed = finder.look(points, tilts, self._basis, neural_map.backend.align, self._known, by_depth)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
         finder.restart()
@@ -235,6 +238,14 @@ class FieldLocaliser:
         self._T_last_now = np.eye(4)
         self._is_chained = False
         return replace(found, relocalised=True)
+
+    def _possible_tilts(self, prior: Prior, points: FramePoints) -> list[Float[np.ndarray, "4 4"]]:
+        """Camera poses with the heights and tilts that a lost camera may have."""
+        tilts = list(self._tilts) or [prior.T_world_camera]
+        if self._basis.shape[1] == len(FREE):
+            floor = pose_above_floor(points.camera_m, np.random.default_rng([self._seed, 23, self._num_frames]))
+            tilts += [] if floor is None else [floor]
+        return tilts
 
     def _prior(self, observation: Observation) -> Prior:
         if self._T_world_camera is None:
