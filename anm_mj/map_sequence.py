@@ -23,10 +23,11 @@ from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
-from anm_mj.io.run_events import Started
+from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.io.sequence import Sequence, camera_line, ranges_text
+from anm_mj.io.sequence import Sequence, ranges_text
+from anm_mj.io.sequence_poses import camera_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
@@ -38,6 +39,9 @@ from anm_mj.planning.policies.registry import make_policy
 from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
+from anm_mj.sequence_check.check import Verdict
+from anm_mj.sequence_check.frame_fit import FrameFit, as_line, fit_metrics, frame_fit, misfits, say_misfits
+from anm_mj.sequence_check.report import facts
 from anm_mj.types import Footprint, Observation
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.stopwatch import Stopwatch
@@ -57,6 +61,8 @@ def map_sequence(
     out: Path | None = None,
     shadow: bool = False,
     reference: Track | None = None,
+    verdict: Verdict | None = None,
+    corrections: tuple[str, ...] = (),
     observers: Collection[Observer] = (),
 ) -> RunFolder:
     """Map a sequence and write a run folder, without actions and without ground truth.
@@ -69,9 +75,11 @@ def map_sequence(
         out: The run folder; None = a new one below ``runs/``.
         shadow: Whether the policy decides at every frame, without being obeyed; its decisions are recorded.
         reference: Poses that the tracked ones are compared with, at the times of the sequence; for ``slam`` only.
+        verdict: What a check found before; its figures go to ``metrics.json``.
+        corrections: Options that it found and that were applied, for the manifest.
         observers: Hear of the start (:class:`~anm_mj.io.run_events.Started`, with the number of frames for a budget),
-            of every frame (:class:`~anm_mj.events.Observed`) and decision (:class:`~anm_mj.events.Decided`); any of
-            them may end the run with what there is.
+            of every frame (:class:`~anm_mj.events.Observed`, :class:`~anm_mj.io.run_events.Mapped`) and decision
+            (:class:`~anm_mj.events.Decided`); any of them may end the run with what there is.
 
     Raises:
         AnmError: An image or the policy cannot be used, or the folder cannot be written.
@@ -82,11 +90,12 @@ def map_sequence(
     policy = _shadow_policy(config, footprint) if shadow else None
     name = config.policy if shadow else RECORDED
     folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
-    folder.write_manifest(manifest(_facts(config, neural_map, name), sys.argv))
-    folder.write_config(config)
+    write_json(folder.manifest, manifest(replace(_facts(config, neural_map, name), corrections=corrections), sys.argv))
+    write_json(folder.config, config)
     log = RunLog(folder, config.record)
     cameras = LineWriter(folder.camera_trajectory, None) if tracker is not None else None
     records: list[FrameRecord] = []
+    fits: list[FrameFit] = []
     watch = Stopwatch()
     last: Observation | None = None
 
@@ -106,21 +115,25 @@ def map_sequence(
                 with watch.stage("localise"):
                     estimate = tracker.localise(observation)
                 observation = estimate.observation
+            with watch.stage("check"):
+                fits.append(frame_fit(observation, neural_map))
             with watch.stage("map"):
                 update = integrate(observation, estimate, tracker, neural_map)
             last = observation
-            log.observation(observation, estimate=estimate)
+            log.observation(observation, estimate=estimate, fit=as_line(fits[-1]))
             records.append(_record(observation, estimate))
             is_lost = records[-1].is_lost
             # A trajectory in this format is of the poses that are known.
             if cameras is not None and not is_lost:
                 cameras.line(camera_line(observation.time_s, observation.T_world_camera))
+            plan = None
             if policy is not None and not is_lost:
                 policy.observe(observation)
                 plan = policy.plan(neural_map, observation)
                 log.plan(observation.step, plan)
                 interrupted |= tell(Decided(observation.step, plan))
             interrupted |= tell(Observed(observation, update, estimate))
+            interrupted |= tell(Mapped(observation, neural_map, plan))
     finally:
         log.close()
         if cameras is not None:
@@ -131,6 +144,8 @@ def map_sequence(
                 neural_map.finish()
         _finish(folder, config, neural_map, footprint, log, last)
     metrics: dict[str, Any] = {"frames": len(records), "wall_s": time.perf_counter() - begin}
+    if records:
+        metrics |= _fit_metrics(folder, fits, records, verdict)
     if tracker is not None and records:
         metrics |= _tracking_metrics(records, reference, watch)
     write_json(folder.metrics, metrics)
@@ -142,6 +157,20 @@ def _record(observation: Observation, estimate: PoseEstimate | None) -> FrameRec
     is_lost = estimate is not None and estimate.state is TrackingState.LOST
     is_mapped = estimate is None or estimate.usable
     return FrameRecord(observation.step, observation.time_s, pose, T, pose, T, is_lost, is_mapped)
+
+
+def _fit_metrics(
+    folder: RunFolder, fits: list[FrameFit], records: list[FrameRecord], verdict: Verdict | None
+) -> dict[str, Any]:
+    """How well frames fit each other and the map; warnings name those that do not."""
+    from anm_mj.viz.fit_picture import draw_fit
+
+    positions = np.array([record.T_world_camera[:3, 3] for record in records])
+    say_misfits(fits, positions, [record.time_s for record in records])
+    with writing(folder.fit_picture):
+        draw_fit(folder.fit_picture, [fit.fitting for fit in fits], [fit.residual_m for fit in fits], misfits(fits))
+    used = 100.0 * float(np.mean([record.is_mapped for record in records]))
+    return {"used_percent": used, **fit_metrics(fits), **({} if verdict is None else facts(verdict))}
 
 
 def _tracking_metrics(records: list[FrameRecord], reference: Track | None, watch: Stopwatch) -> dict[str, Any]:
@@ -193,7 +222,7 @@ def _finish(
             state.regions,
             log.poses,
             target_xy_m=log.last_target_xy_m,
-            title=f"{Path(config.scene).resolve().name}, {len(log.poses)} recorded frames",
+            title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
         )
 
 

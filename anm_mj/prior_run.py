@@ -18,7 +18,7 @@ from anm_mj.io.explored_file import Explored, read_explored
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.keyframes import Keyframes
 from anm_mj.mapping.map_file import SavedMap, read_map
-from anm_mj.types import FormerRun, OccupancyGrid
+from anm_mj.types import ExploredState, OccupancyGrid
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -59,7 +59,7 @@ class PriorRun:
         return cls(run, explored, read_map(run.folder.map), Keyframes.of(explored.replay))
 
     def config(self, config: RunConfig) -> RunConfig:
-        """The configuration of the run that goes on, with the shape of the map as the former run has it.
+        """The configuration of the run that goes on, with the shape of the map as the prior run has it.
 
         Raises:
             MapError: The map is of another kind than the run's.
@@ -70,7 +70,7 @@ class PriorRun:
             has, needs = kinds if before.engine == OWN_KIND else kinds[::-1]
             raise MapError(
                 f"The run in {self.run.folder.path} has {has}, but policy {config.policy} works on {needs}; continue "
-                f"with the policy of that run, {self.explored.former.policy}, or start without --continue."
+                f"with the policy of that run, {self.explored.prior.policy}, or start without --continue."
             )
         occupancy = replace(now.occupancy, voxel_m=before.occupancy.voxel_m)
         if (before.field, occupancy) != (now.field, now.occupancy):
@@ -92,7 +92,7 @@ class PriorRun:
             )
 
     def begin(self, mapper: NeuralMap) -> None:
-        """Let a new map begin with the former one.
+        """Let a new map begin with the prior run.
 
         Raises:
             MapError: The files do not fit each other.
@@ -100,14 +100,14 @@ class PriorRun:
         try:
             mapper.continue_from(self.saved, self.keyframes)
         except (KeyError, ValueError, TypeError, IndexError) as err:
-            raise MapError(f"The map in {self.run.folder.path} is damaged ({err}); explore anew.") from err
+            raise MapError(f"The map in {self.run.folder.path} is damaged ({err}); explore again.") from err
         self._require_places(mapper.occupancy_grid())
 
     def _require_places(self, grid: OccupancyGrid) -> None:
         """Raises MapError where a robot was far from all that its map knows, which is then the map of another run."""
         low, size = grid.origin_m[:2], np.array(grid.state.shape[:0:-1]) * grid.resolution_m
-        for name in ("poses", "refused"):
-            places = getattr(self.explored.former, name)[:, :2]
+        for name in ("poses", "collisions"):
+            places = getattr(self.explored.prior, name)[:, :2]
             away = ((places < low - _BESIDE_MAP_M) | (places > low + size + _BESIDE_MAP_M)).any(axis=1)
             if away.any():
                 x, y = places[int(np.argmax(away))]
@@ -116,10 +116,10 @@ class PriorRun:
                     "beside it: they are of two runs; copy the run again."
                 )
 
-    def found(self, policy: str) -> FormerRun:
+    def found(self, policy: str) -> ExploredState:
         """What the run found out beside its map; its policy's memory only for the same policy."""
-        former = self.explored.former
-        return former if former.policy == policy else replace(former, memory={})
+        prior = self.explored.prior
+        return prior if prior.policy == policy else replace(prior, memory={})
 
     def covered(self, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
         """How near each sample of the true surface had been seen [m].
@@ -140,7 +140,7 @@ class PriorRun:
         return {
             "run": self.folder,
             "scene_hash": self.run.manifest.get("scene_hash"),
-            "frames": len(self.explored.former.poses),
+            "frames": len(self.explored.prior.poses),
         }
 
 

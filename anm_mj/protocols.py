@@ -15,8 +15,8 @@ from jaxtyping import Float, Float32
 from anm_mj.types import (
     Action,
     ActionResult,
+    ExploredState,
     Footprint,
-    FormerRun,
     MapUpdate,
     MotionResult,
     Observation,
@@ -165,12 +165,12 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Continues(Protocol):
-    """A policy that can begin with what a former run explored; another one knows it through the map alone."""
+    """A policy that can begin with what a prior run explored; another one knows it through the map alone."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """What it has found out beside the map, as numbers, for a later run of the same policy."""
         ...
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Take over what a former run explored, before the first observation; the mapper holds its map."""
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Take over what a prior run explored, before the first observation; the mapper holds its map."""
         ...

@@ -1,6 +1,6 @@
 """Goes on with a run that was killed or interrupted, from its newest whole checkpoint.
 
-The run is put together anew from the configuration in its folder, the stored state is laid over it, the logs are cut
+The run is rebuilt from the configuration in its folder, the stored state is laid over it, the logs are cut
 to the length that they had then, and the loop goes on. On a CPU the files at the end are those of an undisturbed run,
 but for times. Files of a run folder are data: nothing in them is executed.
 """
@@ -107,11 +107,7 @@ def resume(
 
 @contextmanager
 def _of_stored_state(stored: StoredState) -> Iterator[None]:
-    """Say of whatever a stored state leads to that it is the state's: anybody may have written it.
-
-    Raises:
-        CheckpointError: the block raised an error that is nobody's in particular.
-    """
+    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it."""
     try:
         yield
     except AnmError:
@@ -131,11 +127,7 @@ def _restore(stored: StoredState, roots: dict[str, Any], parts: Parts) -> None:
 
 
 def _config(folder: RunFolder, policy: str | None) -> RunConfig:
-    """The run's configuration.
-
-    Raises:
-        CheckpointError: its policy is no name, or code that nobody has vouched for.
-    """
+    """The configuration; raises CheckpointError where the policy is no name, or code that nobody has vouched for."""
     values = read_json(folder.config)
     named = values.get("policy")
     if not isinstance(named, str):
@@ -161,11 +153,7 @@ def _require_unfinished(folder: RunFolder) -> None:
 
 
 def _require_logs(folder: RunFolder, state: StoredState) -> None:
-    """Whether the logs reach as far as the checkpoint.
-
-    Raises:
-        CheckpointError: They do not, or it does not say how far.
-    """
+    """Raises CheckpointError unless the logs reach as far as the checkpoint."""
     try:
         facts = convert(state.facts, _Facts)
     except ValueError as err:
@@ -186,7 +174,7 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
         if before != now:
             raise CheckpointError(
                 f"The {name} '{known.get(name)}' has changed since the run began (hash {str(before)[:12]}, now "
-                f"{now[:12]}); put the former one back, or start a new run."
+                f"{now[:12]}); put the old one back, or start a new run."
             )
 
 

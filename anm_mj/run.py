@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,15 @@ from anm_mj.explore import explore
 from anm_mj.io.manifest import manifest
 from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.to_json import to_json
+from anm_mj.io.to_json import to_json, write_json
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
-from anm_mj.recording.results import WayBack, load_writers, write_results
+from anm_mj.recording.results import ReturnFacts, load_writers, write_results
 from anm_mj.run_parts import Parts, make_parts, true_view
-from anm_mj.types import StopReason
+from anm_mj.types import Observation, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
 
 TRIM_STEPS = 100
@@ -51,8 +52,8 @@ def run(config: RunConfig, *, out: Path | None = None, observers: Sequence[Obser
     prior = None if config.continue_from is None else PriorRun.read(Path(config.continue_from))
     with make_parts(config, observers, prior) as parts:
         folder = RunFolder.create(out, parts.scene.name, config.policy)
-        folder.write_manifest(manifest(parts.facts, sys.argv))
-        folder.write_config(parts.config)
+        write_json(folder.manifest, manifest(parts.facts, sys.argv))
+        write_json(folder.config, parts.config)
         surface = parts.truth().surface
         before = None if prior is None else Before(prior.found(config.policy), prior.covered(surface))
         malloc_trim()
@@ -109,7 +110,7 @@ def run_loop(
         recorder: writes it.
         state: where the loop stands.
         observers: see :func:`run`.
-        begin: ``time.perf_counter`` at the start of the program, less the time of a former one [s].
+        begin: ``time.perf_counter`` at the start of the program, less the time of an earlier one [s].
 
     Raises:
         AnmError: of a stage, or the folder cannot be written.
@@ -162,7 +163,7 @@ def run_loop(
     left = _what_is_left(parts, recorder, ended)
     back = None
     if isinstance(parts.policy, ReturnToStart):
-        back = WayBack.of(recorder.poses, None if interrupted else parts.policy.explored_steps)
+        back = ReturnFacts.of(recorder.poses, ended.num_steps, None if interrupted else parts.policy.explored_steps)
     memory = None if config.record.replay_bytes == 0 else parts.explorer.memory()
     metrics = write_results(
         recorder, ended, mapper, left, wall_s=wall_s, release=mapper.close, memory=memory, back=back
@@ -188,8 +189,19 @@ def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> d
 def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionState:
     """The planning stages of the paper's policy, run once on the final map along the trajectory of the whole run."""
     stages = RegionStages(parts.config.planning, parts.robot.footprint)
-    if recorder.former is not None:
-        stages.continue_from(recorder.former)
+    if recorder.prior is not None:
+        stages.continue_from(recorder.prior)
     for pose in recorder.poses:
         stages.topdown.visit(pose.xy_m)
-    return stages.read(parts.mapper, ended.observation)
+    return stages.read(parts.mapper, _where_it_was(recorder, ended))
+
+
+def _where_it_was(recorder: RunRecorder, ended: Ended) -> Observation:
+    """The last observation; of a robot that is lost, where it last knew that it was, or where the prior run ended."""
+    seen = ended.observation
+    if ended.stop_reason is not StopReason.LOST:
+        return seen
+    if recorder.poses:
+        return replace(seen, pose=recorder.poses[-1])
+    prior = None if recorder.prior is None else recorder.prior.poses
+    return seen if prior is None or not len(prior) else replace(seen, pose=Pose2(*prior[-1].tolist()))

@@ -3,7 +3,7 @@
 Workloads: the paper's training step (2048 rays of 43 samples), a smaller one ("B": 538 rays of 12), the default
 preset's (538 rays of 6), five of those with the drawing of their rays from 20 keyframes, 1.6 million SDF queries on a
 lattice, and 50,000 points under 20 perturbed decoders. Torch is measured as the engine that it is, with its own gather
-and scatter, and "eager": the table is indexed, and autograd finds the way back. The limit beside the paper's step
+and scatter, and "eager": the table is indexed, and autograd computes the gradients. The limit beside the paper's step
 ("roofline") is made of rates that the script measures on the same core: random reads and updates of a table of one
 level's size, multiply-adds on registers, and memory read and written in order.
 

@@ -28,7 +28,7 @@ SCENES = ("flat", "home", "office")
 POLICIES = ("gvg", "anm-s", "frontier", "oracle")
 DRIVES = ("kinematic", "physics")
 RENAMED = {"unseen": "unexplored"}
-"""Keys of ``steps.jsonl``, ``plans.jsonl``, ``curve.csv`` and ``metrics.json``, former to present."""
+"""Keys of ``steps.jsonl``, ``plans.jsonl``, ``curve.csv`` and ``metrics.json``, old to present."""
 TIMES = frozenset({"ms", "stage_hz", "wall_s", "hz", "evaluation_s", "peak_rss_mib"})
 """What differs from run to run."""
 WORDING = frozenset({"reason"})

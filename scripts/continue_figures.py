@@ -32,10 +32,10 @@ REACH_M = 0.1
 NUM_MOVED = 3
 
 
-class Anew(Frontier):
-    """A policy that is not told of the former run, so that it sees everything again."""
+class Uninformed(Frontier):
+    """A policy that is not told of the prior run, so that it sees everything again."""
 
-    def continue_from(self, former: object, mapper: object) -> None:
+    def continue_from(self, prior: object, mapper: object) -> None:
         """Take nothing over."""
 
 
@@ -83,7 +83,7 @@ def _moved(out: Path, house: int, preset: str) -> dict[str, object]:
         if not (out / name / "scene.toml").is_file():
             generate_scene(out / name, 5, house, moved=moved)
     _explored(out / "first", str(out / "before"), preset=preset, goal="coverage")
-    policy = f"{Path(__file__).stem}:{Anew.__name__}"
+    policy = f"{Path(__file__).stem}:{Uninformed.__name__}"
     second = _explored(
         out / "second", str(out / "after"), preset=preset, goal="coverage", policy=policy, continue_from=out / "first"
     )

@@ -1,4 +1,4 @@
-"""Generates the scenes that come with the project anew, in seconds.
+"""Regenerates the scenes that come with the project, in seconds.
 
 Run it from the repository root: ``python scripts/make_scenes.py`` makes all of them in scenes/, with names after it
 only those. scenes/home is not among them: it was designed by hand and is kept as it is.

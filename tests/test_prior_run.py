@@ -1,4 +1,4 @@
-"""A former run is compared with the scene, and its files with each other."""
+"""A prior run is compared with the scene, and its files with each other."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -8,15 +8,15 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.prior_run import PriorRun
-from anm_mj.types import FormerRun, OccupancyGrid
+from anm_mj.types import ExploredState, OccupancyGrid
 
 
 def prior_run(poses=((1.0, 1.0, 0.0),)) -> Any:
     run = SimpleNamespace(
         manifest={"scene": "a/home", "scene_hash": "1"}, folder=SimpleNamespace(path="run", explored="x")
     )
-    found = FormerRun("gvg", np.array(poses), np.zeros((0, 3)), {})
-    return SimpleNamespace(run=run, explored=SimpleNamespace(former=found))
+    found = ExploredState("gvg", np.array(poses), np.zeros((0, 3)), {})
+    return SimpleNamespace(run=run, explored=SimpleNamespace(prior=found))
 
 
 @pytest.mark.parametrize(("scene", "scene_hash", "said"), [("b/home", "2", 0), ("flat", "1", 0), ("flat", "2", 1)])

@@ -120,11 +120,7 @@ def run_bench(
 
 
 def _check_revision(there: Sequence[Job], out: Path) -> None:
-    """Raise unless the runs that a folder holds were made by the program as it is now.
-
-    Raises:
-        BenchError: They were not.
-    """
+    """Raises BenchError unless the runs that a folder holds were made by the program as it is now."""
     source = checkout()
     own = revision_text(None if source is None else git_revision(source))
     other = sorted({read_result(out / "runs" / job.name, job).revision for job in there} - {own})
@@ -137,11 +133,7 @@ def _check_revision(there: Sequence[Job], out: Path) -> None:
 
 @contextmanager
 def _writable(out: Path) -> Iterator[None]:
-    """Say in a sentence which file of a comparison cannot be written within the block.
-
-    Raises:
-        BenchError: One cannot.
-    """
+    """Raises BenchError with the name of a file of a comparison that cannot be written within the block."""
     try:
         yield
     except OSError as err:
@@ -153,11 +145,7 @@ def _writable(out: Path) -> Iterator[None]:
 
 @contextmanager
 def _only_writer(out: Path) -> Iterator[None]:
-    """Lock the folder against other comparisons; the system releases the lock however this one ends.
-
-    Raises:
-        BenchError: Another one writes there, or the folder cannot be written.
-    """
+    """Lock the folder against other comparisons; the system releases the lock however this one ends."""
     with _writable(out):
         out.mkdir(parents=True, exist_ok=True)
         # Anybody may have made what is there.
@@ -174,11 +162,7 @@ def _only_writer(out: Path) -> Iterator[None]:
 
 
 def _prepare(jobs: Sequence[Job], file: Path, out: Path, command: str) -> None:
-    """Remove what unfinished runs left in the folder of a comparison, and note file and command there.
-
-    Raises:
-        BenchError: A file is in the place of a run, or one cannot be written.
-    """
+    """Remove what unfinished runs left in the folder of a comparison, and note file and command there."""
     runs = out / "runs"
     with _writable(out):
         runs.mkdir(exist_ok=True)

@@ -154,11 +154,7 @@ def _ray(
 
 
 def _started(start: Callable[[], object]) -> None:
-    """Start or join a cluster, with retries.
-
-    Raises:
-        BenchError: No try succeeded.
-    """
+    """Start or join a cluster; raises BenchError where no try succeeds."""
     import ray
 
     failure: Exception | None = None

@@ -48,7 +48,7 @@ Made by `{command}`. Each row of `results.csv` is one run of one policy from one
 **Measured:** completion by 200,000 samples of the true surface, frames reduced to 128 x 128 pixels, 5 cm; the \
 observable part alone where a column says so. Areas under the curve are means over the budget.
 
-**Counted:** turns and refused moves are steps. A run that never reaches a level counts with its budget. Starts and \
+**Counted:** turns and collisions are steps. A run that never reaches a level counts with its budget. Starts and \
 seeds of one scene are averaged before scenes are compared; intervals are of a bootstrap over scenes.
 
 **Limits:** simulated scenes; one robot unless a row says otherwise; what holds for these scenes need not hold for \

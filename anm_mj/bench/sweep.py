@@ -142,11 +142,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
 
 
 def _check_names(scene: Scene, other: Scene) -> None:
-    """Refuse two scenes whose results would stand under one name.
-
-    Raises:
-        BenchError: They are two.
-    """
+    """Raises BenchError for two scenes whose results would stand under one name."""
     if (scene.name, scene.hash) != (other.name, other.hash):
         raise BenchError(
             f"The scenes {scene.name!r} ({scene.folder}) and {other.name!r} ({other.folder}) would share the names of "
@@ -208,11 +204,7 @@ def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
 
 
 def _entry(path: Path, key: str, value: Any) -> Any:
-    """The value of a key of a sweep.
-
-    Raises:
-        BenchError: There is no such key, or it has another type.
-    """
+    """The value of a key of a sweep; raises BenchError for an unknown key or another type."""
     if key not in TYPES:
         raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(TYPES)}.")
     try:

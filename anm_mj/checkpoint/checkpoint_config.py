@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from anm_mj.errors import CheckpointError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class CheckpointConfig:
+class CheckpointConfig(Settings, group="checkpoint", error=CheckpointError):
     """When checkpoints are written."""
 
     every_steps: int = setting(100, at_least=0, at_most=1e9)
@@ -17,6 +17,3 @@ class CheckpointConfig:
     loop_share: float = setting(0.02, at_most=1.0)
     """The loop spends at most this share of its time on checkpoints; where one takes long, the next one waits. 1 = they
     never wait."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, "checkpoint", CheckpointError)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from anm_mj.cli.command_line import Fields, Option
-from anm_mj.cli.option_types import Count, NewFolder, Settings
-from anm_mj.errors import ConfigError
+from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
+from anm_mj.errors import ConfigError, RunFolderError
 
 if TYPE_CHECKING:
     from anm_mj.geometry.lens_distortion import LensDistortion
@@ -32,6 +32,7 @@ def _map_fields() -> tuple[type, Mapping[str, Option]]:
 
 
 Metres = Annotated[float, Option("M")]
+Seconds = Annotated[float, Option("S")]
 
 
 def map_recorded(
@@ -45,6 +46,14 @@ def map_recorded(
     up: str | None = None,
     floor: Metres | None = None,
     topics: Annotated[Sequence[str], Option("--topic ROLE=NAME")] = (),
+    poses: str = "camera-to-world",
+    axes: str = "RDF",
+    pose_scale: float = 1.0,
+    ray_depth: bool = False,
+    mirrored: bool = False,
+    time_offset: Seconds = 0.0,
+    colour_offset: Seconds = 0.0,
+    fix: bool = False,
     every: Count = 1,
     track: bool = False,
     reference: Path | None = None,
@@ -52,24 +61,35 @@ def map_recorded(
     radius: Metres = 0.18,
     height: Metres = 1.35,
     keep_images: bool = False,
+    view: bool = False,
+    port: Port | None = None,
     settings: Settings = (),
     **options: Annotated[Any, Fields(_map_fields)],
 ) -> int:
     """Map a recorded RGB-D sequence, and write a run folder.
 
-    Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, our own, a
-    run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and docs/localisation.md for --track.
+    Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, 7-Scenes,
+    ScanNet's export, our own, a run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and
+    docs/localisation.md for --track.
 
     Args:
         sequence: folder of the sequence, a transforms.json, or a bag
         out: run folder; by default a new one in runs/
-        layout: run, anm-mj, tum, nerfstudio, replica or rosbag; by default recognised by its files
+        layout: run, anm-mj, tum, nerfstudio, replica, 7scenes, scannet or rosbag; by default recognised by its files
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
         distortion: lens distortion in the order of OpenCV, or none; by default as the files say
         up: axis of the world that points up: z, -z, y, -y; by default z, without poses -y of the first camera
         floor: height of the floor along it; by default found from the depth
         topics: topic of a bag for colour, depth, camera or pose (a topic or tf), where several fit; may be repeated
+        poses: what a pose is: camera-to-world, world-to-camera, conjugate, scalar-first or scalar-first-inverse
+        axes: where x, y, z of the camera point: RDF (right, down, forward; OpenCV), RUB (OpenGL), FLU (ROS) or others
+        pose_scale: metres per unit of the positions
+        ray_depth: depth is the distance along the ray, not planar
+        mirrored: the images are mirrored left to right
+        time_offset: added to the times of images to find their poses
+        colour_offset: added to the times of colour images to find their depth
+        fix: apply what the check of the sequence finds
         every: read every Nth frame only
         track: find the poses by localisation in the map; those of the sequence, if any, are a prior
         reference: poses in TUM format that the found ones are compared with; a sequence's own are no prior then
@@ -77,28 +97,31 @@ def map_recorded(
         radius: radius of the robot
         height: height of the robot
         keep_images: keep the colour images at full size (record.images=full)
+        view: show the mapping in the browser, on this machine only
+        port: port of --view; by default the next free one from 7000
         settings: any setting of config.json; may be repeated
         **options: fields of ``RunConfig``
     """
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.progress import FrameLine, Interrupt
-    from anm_mj.cli.run_summary import print_folder, print_tracking
+    from anm_mj.cli.run_summary import print_fit, print_folder, print_tracking
     from anm_mj.config import DEFAULT_PRESET, make_config
     from anm_mj.evaluation.reference_trajectory import read_reference
     from anm_mj.io.read_run import read_json
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
     from anm_mj.map_sequence import map_sequence
+    from anm_mj.sequence_check.before_mapping import BeforeMapping
+    from anm_mj.sequence_check.correction import Correction
     from anm_mj.types import Footprint
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
     if not 0.0 < radius < height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
-    for topic in topics:
-        if "=" not in topic:
-            raise ConfigError(f"--topic is '{topic}'; give ROLE=NAME, as in colour=/camera/color/image_raw.")
-    by_role = dict(topic.split("=", 1) for topic in topics)
+    if port is not None and not view:
+        raise ConfigError(f"--port is {port}, but nothing is shown; add --view.")
+    by_role = topics_by_role(topics)
     if reference is not None and not track:
         raise ConfigError("--reference is for poses that --track finds; give both, or none.")
     measured = None if reference is None else read_reference(reference)
@@ -110,8 +133,18 @@ def map_recorded(
         judged = reference is not None and reference.resolve().is_relative_to(sequence.resolve())
         wanted = replace(wanted, needs_poses=False, ignores_poses=judged)
     if distortion is not None:
-        wanted = replace(wanted, distortion=_distortion(distortion))
-    frames, layout = open_sequence(sequence, wanted)
+        wanted = replace(wanted, distortion=lens_distortion(distortion))
+    given = Correction(
+        poses,
+        axes,
+        pose_scale,
+        ray_depth=ray_depth,
+        mirrored=mirrored,
+        time_offset_s=time_offset,
+        colour_offset_s=colour_offset,
+    )
+    judged_before = BeforeMapping(given, fix=fix, keeps_up=up is not None)
+    frames, layout = open_sequence(sequence, replace(wanted, judge=judged_before))
     console = PlainConsole()
     if frames.distortion is not None:
         console.say(f"Lens distortion is taken out, {frames.distortion.source}: {frames.distortion}.")
@@ -120,23 +153,51 @@ def map_recorded(
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
     footprint = Footprint(radius, 0.05, height)
-    with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
-        observers = (FrameLine(console, on_progress), interrupt)
-        folder = map_sequence(
-            frames, config, footprint, out=out, shadow=shadow, reference=measured, observers=observers
-        )
+    viewer = None
+    if view:
+        from anm_mj.viz.meshcat_viewer import MeshcatViewer
+
+        viewer = MeshcatViewer(port=port, title=f"{sequence.resolve().name}, recorded")
+    try:
+        with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
+            observers = [FrameLine(console, on_progress), interrupt, *([] if viewer is None else [viewer])]
+            folder = map_sequence(
+                frames,
+                config,
+                footprint,
+                out=out,
+                shadow=shadow,
+                reference=measured,
+                verdict=judged_before.verdict,
+                corrections=judged_before.applied,
+                observers=observers,
+            )
+    finally:
+        if viewer is not None:
+            viewer.close()
+    metrics = read_json(folder.metrics)
+    print_fit(console, metrics)
     if track:
-        print_tracking(console, read_json(folder.metrics))
+        print_tracking(console, metrics)
     print_folder(console, folder.path)
+    if not folder.mesh.is_file():
+        raise RunFolderError(
+            f"{sequence} shows no surface that the map could hold: check the unit of depth (--depth-unit), the poses "
+            "and the camera."
+        )
     return 0
 
 
-def _distortion(words: str) -> LensDistortion | None:
-    """What ``--distortion`` says.
+def topics_by_role(topics: Sequence[str]) -> dict[str, str]:
+    """What ``--topic`` says; raises ConfigError."""
+    for topic in topics:
+        if "=" not in topic:
+            raise ConfigError(f"--topic is '{topic}'; give ROLE=NAME, as in colour=/camera/color/image_raw.")
+    return dict(topic.split("=", 1) for topic in topics)
 
-    Raises:
-        ConfigError: it says nothing that can be.
-    """
+
+def lens_distortion(words: str) -> LensDistortion | None:
+    """What ``--distortion`` says; raises ConfigError."""
     from anm_mj.geometry.lens_distortion import LensDistortion
 
     if words == "none":

@@ -162,11 +162,11 @@ class Interrupt:
     def __enter__(self) -> Interrupt:
         numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
         heard = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
-        self._former = {number: signal.signal(number, self._on_signal) for number in heard}
+        self._previous = {number: signal.signal(number, self._on_signal) for number in heard}
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._former.items():
+        for number, handler in self._previous.items():
             signal.signal(number, handler)
 
     def on_event(self, event: object) -> bool:

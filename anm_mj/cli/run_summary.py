@@ -18,6 +18,16 @@ def print_folder(console: PlainConsole, folder: Path) -> None:
     console.say(f"Run folder: {folder}", f"Replay: anm-mj view {shlex.quote(str(folder))}")
 
 
+def print_fit(console: PlainConsole, metrics: Mapping[str, Any]) -> None:
+    """Print how well the frames of a sequence fit their map, from its ``metrics.json``."""
+    if metrics.get("fit_residual_cm") is not None:
+        console.say(
+            f"{metrics['fit_percent']:.1f} % of the points of later frames fit the map; their median distance is "
+            f"{metrics['fit_residual_cm']:.2f} cm (half of all frames "
+            f"within {metrics['fit_residual_spread_cm']:.2f} cm of it)."
+        )
+
+
 def print_tracking(console: PlainConsole, metrics: Mapping[str, Any]) -> None:
     """Print how a sequence was tracked, from its ``metrics.json``."""
     parts = [

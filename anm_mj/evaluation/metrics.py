@@ -44,7 +44,7 @@ class RunSummary:
     peak_rss_mib: float | None = None
     """Peak resident memory of the process until map and mesh are written [MiB]; evaluation is not counted."""
     return_steps: int | None = None
-    """Steps of the way back to the start; None where the robot was not to go back, or did not come to it."""
+    """Steps of the return to the start; None where the robot was not to go back, or did not come to it."""
     return_distance_m: float | None = None
     """Distance to the start at the end, as the robot believes it; None where it was not to go back [m]."""
 

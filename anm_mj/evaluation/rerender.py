@@ -74,11 +74,7 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
 
 
 def _of_config(kind: type[T], values: Mapping[str, Any]) -> T:
-    """A group of settings of a run's configuration; what this version does not know is left out.
-
-    Raises:
-        RunFolderError: One of them is of another type.
-    """
+    """A group of settings of a run's configuration; what this version does not know is left out."""
     known = {entry.name for entry in fields(kind)}
     try:
         return kind(**{name: of_type(kind, name, value) for name, value in values.items() if name in known})

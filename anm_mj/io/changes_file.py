@@ -1,4 +1,4 @@
-"""``changes.json`` and ``changes.npz``: what a continued run found to be gone or new since the former one."""
+"""``changes.json`` and ``changes.npz``: what a continued run found to be gone or new since the prior run."""
 
 from __future__ import annotations
 

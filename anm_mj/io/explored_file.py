@@ -1,6 +1,6 @@
 """``explored.safetensors``: what a later run needs beside the map to go on from a run.
 
-Numbers only, in the safetensors format: pixels of keyframes to replay, where the robot was, what refused it, and what
+Numbers only, in the safetensors format: pixels of keyframes to replay, where the robot was, where it collided, and what
 its policy remembered.
 """
 
@@ -16,7 +16,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.sequence import require_count
 from anm_mj.io.write import writing
-from anm_mj.types import FormerRun
+from anm_mj.types import ExploredState
 from anm_mj.utils.files import atomic_write, write_tensors
 from anm_mj.utils.read_file import parse_json, read_tensors
 
@@ -30,7 +30,7 @@ _REPLAY, _MEMORY = "replay.", "memory."
 class Explored:
     """The content of the file."""
 
-    former: FormerRun
+    prior: ExploredState
     replay: dict[str, np.ndarray]
     """Keyframes, as :meth:`anm_mj.mapping.keyframes.Keyframes.arrays` gives them."""
 
@@ -41,11 +41,11 @@ def write_explored(path: Path, explored: Explored) -> None:
     Raises:
         RunFolderError: It cannot be written.
     """
-    former = explored.former
-    arrays = {"poses": former.poses, "refused": former.refused}
+    prior = explored.prior
+    arrays = {"poses": prior.poses, "refused": prior.collisions}
     arrays |= {f"{_REPLAY}{name}": value for name, value in explored.replay.items()}
-    arrays |= {f"{_MEMORY}{name}": value for name, value in former.memory.items()}
-    about = {"format": FORMAT, "policy": former.policy}
+    arrays |= {f"{_MEMORY}{name}": value for name, value in prior.memory.items()}
+    about = {"format": FORMAT, "policy": prior.policy}
     arrays = {name: np.asarray(value, order="C") for name, value in arrays.items()}
     with writing(path), atomic_write(path) as partial:
         write_tensors(partial, arrays, {_KEY: json.dumps(about)})
@@ -67,14 +67,14 @@ def read_explored(path: Path) -> Explored:
         about = parse_json(facts.get(_KEY, "{}"))
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise ValueError(f"it does not say that it is {FORMAT!r}")
-        former = FormerRun(
+        prior = ExploredState(
             str(about.get("policy", "")), _poses(arrays["poses"]), _poses(arrays["refused"]), _part(arrays, _MEMORY)
         )
-        return Explored(former, _part(arrays, _REPLAY))
+        return Explored(prior, _part(arrays, _REPLAY))
     except KeyError as err:
-        raise RunFolderError(f"{path} cannot be read: it lacks {err}; explore anew.") from err
+        raise RunFolderError(f"{path} cannot be read: it lacks {err}; explore again.") from err
     except (OSError, ValueError) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}); explore anew.") from err
+        raise RunFolderError(f"{path} cannot be read ({err}); explore again.") from err
 
 
 def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

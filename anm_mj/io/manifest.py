@@ -49,6 +49,8 @@ class RunFacts:
     continued_from: dict[str, Any] | None = None
     """The run that this one goes on from: its folder (``run``), the ``scene_hash`` of its scene, and the number of
     ``frames`` of it and of those that it went on from. None for a run that began with nothing."""
+    corrections: tuple[str, ...] = ()
+    """Options that a check of the recorded sequence found, and ``--fix`` applied."""
 
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
 from anm_mj.io.sequence import FRAME_S, Frame, Sequence, from_pixel_centres, say_left_out
-from anm_mj.utils.read_file import convert, read_table
+from anm_mj.io.sequence_text import in_number_order, number_rows
+from anm_mj.utils.read_file import convert
 
 
 class _ReplicaCamera(Struct):
@@ -34,10 +37,12 @@ def read_replica(folder: Path) -> Sequence:
     Raises:
         OSError, ValueError, RunFolderError: The camera or the poses are missing or damaged, or an image has no partner.
     """
-    poses = read_table(folder / "traj.txt").reshape(-1, 4, 4)
+    poses = _poses(folder / "traj.txt")
     images = folder / "results" if (folder / "results").is_dir() else folder
-    colour = sorted(images.glob("frame*.jpg")) or sorted(images.glob("frame*.png"))
-    depth = sorted(images.glob("depth*"))
+    colour, depth = (
+        sorted(images.glob(pattern), key=lambda path: in_number_order(path.stem))
+        for pattern in ("frame*.jpg" if any(images.glob("frame*.jpg")) else "frame*.png", "depth*")
+    )
     beside = [place / "cam_params.json" for place in (folder, folder.parent)]
     stated = next((read_json(path) for path in beside if path.is_file()), None)
     if stated is None:
@@ -56,3 +61,13 @@ def read_replica(folder: Path) -> Sequence:
         Frame(index * FRAME_S, colour[index], depth[index], pose) for index, pose in enumerate(poses[: len(colour)])
     )
     return Sequence(folder, camera, 1.0 / facts.scale, tuple(frames), resize=True)
+
+
+def _poses(path: Path) -> Float[np.ndarray, "n 4 4"]:
+    """Matrices of 16 numbers, or of the upper 12 as KITTI writes them."""
+    lines = number_rows(path)
+    if lines.shape[1] == 12:
+        lines = np.hstack([lines, np.tile([0.0, 0.0, 0.0, 1.0], (len(lines), 1))])
+    if lines.shape[1] not in (4, 16):
+        raise ValueError(f"the lines of {path.name} hold {lines.shape[1]} numbers, not 16 or 12")
+    return lines.reshape(-1, 4, 4)

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from anm_mj.protocols import Mapper
+from anm_mj.types import Observation, Plan
+
 
 @runtime_checkable
 class Completed(Protocol):
@@ -46,3 +49,14 @@ class Started:
     """The budget."""
     completed: Callable[[], Completed | None]
     """How complete the run is, as far as that is computed; None before the first figure."""
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A frame of a recorded sequence was taken into the map."""
+
+    observation: Observation
+    mapper: Mapper
+    """The map, as of now."""
+    plan: Plan | None
+    """Where the policy would have gone; None where it is not asked."""

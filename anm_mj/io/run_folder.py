@@ -10,14 +10,22 @@ import os
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.to_json import write_json
 from anm_mj.utils.close_names import close_name
 
 RUNS = Path("runs")
 """Default parent of run folders, relative to the working directory."""
+
+
+class _Member:
+    """The path of a file or folder in the run folder."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, folder: RunFolder, _: type) -> Path:
+        return folder.path / self.name
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,54 @@ class RunFolder:
     """Paths of the files of a run."""
 
     path: Path
+    manifest = _Member("manifest.json")
+    """Provenance: versions, machine, scene, seed."""
+    config = _Member("config.json")
+    """The effective configuration."""
+    steps = _Member("steps.jsonl")
+    """One line per step."""
+    plans = _Member("plans.jsonl")
+    """One line per decision."""
+    frames = _Member("frames.jsonl")
+    """One line per observation: time and poses."""
+    camera = _Member("camera.json")
+    """Intrinsics of the original images, and the reduction of the depth images."""
+    curve = _Member("curve.csv")
+    """Completion over steps."""
+    metrics = _Member("metrics.json")
+    """Metrics of the whole run."""
+    trajectory = _Member("trajectory.tum")
+    """Base poses in TUM format."""
+    true_trajectory = _Member("trajectory_true.tum")
+    """True base poses in TUM format, where they differ from the believed ones."""
+    camera_trajectory = _Member("trajectory_camera.tum")
+    """Camera poses of a tracked sequence in TUM format."""
+    mesh = _Member("mesh.ply")
+    """The coloured mesh of the neural map."""
+    map = _Member("map.safetensors")
+    """The neural map."""
+    topdown_picture = _Member("topdown.png")
+    """Figure of the top-down map, graph, regions and trajectory."""
+    fit_picture = _Member("fit.png")
+    """Figure of how well the frames of a recorded sequence fit their map."""
+    curve_picture = _Member("curve.png")
+    """Figure of completion over steps."""
+    ground_truth = _Member("ground_truth.npz")
+    """The true surface and its samples."""
+    explored = _Member("explored.safetensors")
+    """What a later run needs beside the map to go on from this one (:mod:`anm_mj.io.explored_file`)."""
+    covered_before = _Member("covered_before.npz")
+    """Of a run that goes on from another one: how near each sample of the true surface had been seen before."""
+    changes = _Member("changes.json")
+    """Of such a run: surface that is gone or new since then (:mod:`anm_mj.io.changes_file`)."""
+    changed_voxels = _Member("changes.npz")
+    """The voxels of these changes."""
+    checkpoints = _Member("checkpoint")
+    """Folder of the state from which a killed run goes on; gone once the run has finished."""
+    resumed = _Member("resumed.jsonl")
+    """One line per time that the run was resumed."""
+    survey = _Member("survey.npz")
+    """Top-down map, graph and regions of the final map (:mod:`anm_mj.io.plan_file`)."""
 
     @classmethod
     def create(cls, out: Path | None, scene_name: str, policy: str, runs: Path = RUNS) -> RunFolder:
@@ -64,139 +120,6 @@ class RunFolder:
             if not needed.is_file():
                 raise RunFolderError(f"{path} is not the folder of a run: it has no {needed.name}.")
         return folder
-
-    @property
-    def manifest(self) -> Path:
-        """Provenance: versions, machine, scene, seed."""
-        return self.path / "manifest.json"
-
-    @property
-    def config(self) -> Path:
-        """The effective configuration."""
-        return self.path / "config.json"
-
-    @property
-    def steps(self) -> Path:
-        """One line per step."""
-        return self.path / "steps.jsonl"
-
-    @property
-    def plans(self) -> Path:
-        """One line per decision."""
-        return self.path / "plans.jsonl"
-
-    @property
-    def frames(self) -> Path:
-        """One line per observation: time and poses."""
-        return self.path / "frames.jsonl"
-
-    @property
-    def camera(self) -> Path:
-        """Intrinsics of the original images, and the reduction of the depth images."""
-        return self.path / "camera.json"
-
-    @property
-    def curve(self) -> Path:
-        """Completion over steps."""
-        return self.path / "curve.csv"
-
-    @property
-    def metrics(self) -> Path:
-        """Metrics of the whole run."""
-        return self.path / "metrics.json"
-
-    @property
-    def trajectory(self) -> Path:
-        """Base poses in TUM format."""
-        return self.path / "trajectory.tum"
-
-    @property
-    def true_trajectory(self) -> Path:
-        """True base poses in TUM format, where they differ from the believed ones."""
-        return self.path / "trajectory_true.tum"
-
-    @property
-    def camera_trajectory(self) -> Path:
-        """Camera poses of a tracked sequence in TUM format."""
-        return self.path / "trajectory_camera.tum"
-
-    @property
-    def mesh(self) -> Path:
-        """The coloured mesh of the neural map."""
-        return self.path / "mesh.ply"
-
-    @property
-    def map(self) -> Path:
-        """The neural map; that of a run of an older version has the name that it had then."""
-        path = self.path / "map.safetensors"
-        former = self.path / "map.pt"
-        return former if former.is_file() and not path.is_file() else path
-
-    @property
-    def topdown_picture(self) -> Path:
-        """Figure of the top-down map, graph, regions and trajectory."""
-        return self.path / "topdown.png"
-
-    @property
-    def curve_picture(self) -> Path:
-        """Figure of completion over steps."""
-        return self.path / "curve.png"
-
-    @property
-    def ground_truth(self) -> Path:
-        """The true surface and its samples."""
-        return self.path / "ground_truth.npz"
-
-    @property
-    def explored(self) -> Path:
-        """What a later run needs beside the map to go on from this one (:mod:`anm_mj.io.explored_file`)."""
-        return self.path / "explored.safetensors"
-
-    @property
-    def covered_before(self) -> Path:
-        """Of a run that goes on from another one: how near each sample of the true surface had been seen before."""
-        return self.path / "covered_before.npz"
-
-    @property
-    def changes(self) -> Path:
-        """Of such a run: surface that is gone or new since then (:mod:`anm_mj.io.changes_file`)."""
-        return self.path / "changes.json"
-
-    @property
-    def changed_voxels(self) -> Path:
-        """The voxels of these changes."""
-        return self.path / "changes.npz"
-
-    @property
-    def checkpoints(self) -> Path:
-        """Folder of the state from which a killed run goes on; gone once the run has finished."""
-        return self.path / "checkpoint"
-
-    @property
-    def resumed(self) -> Path:
-        """One line per time that the run was resumed."""
-        return self.path / "resumed.jsonl"
-
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write the provenance of the run.
-
-        Raises:
-            RunFolderError: The file cannot be written.
-        """
-        write_json(self.manifest, manifest)
-
-    def write_config(self, config: object) -> None:
-        """Write the effective configuration, a dataclass of dataclasses.
-
-        Raises:
-            RunFolderError: The file cannot be written.
-        """
-        write_json(self.config, config)
-
-    @property
-    def survey(self) -> Path:
-        """Top-down map, graph and regions of the final map (:mod:`anm_mj.io.plan_file`)."""
-        return self.path / "survey.npz"
 
     def plan(self, step: int) -> Path:
         """What the decision after ``step`` actions was read from (:mod:`anm_mj.io.plan_file`)."""

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from operator import itemgetter
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
+from anm_mj.io.bag_poses import GAP_S, Track
 from anm_mj.io.image import read_image
-from anm_mj.io.sequence import (
-    MATCH_S,
-    Frame,
-    Sequence,
-    bridged,
-    from_pixel_centres,
-    nearest_index,
-    require_below,
-    require_count,
-    say_left_out,
-    tum_matrix,
-)
-from anm_mj.utils.read_file import read_table, read_text
+from anm_mj.io.sequence import Frame, Sequence, from_pixel_centres, require_below, require_count, say_left_out
+from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index, tum_matrix
+from anm_mj.io.sequence_text import number_rows, rows, with_slashes
 
 _UNIT_M = 1.0 / 5000.0
 _CAMERAS = {
@@ -35,6 +30,8 @@ _DISTORTIONS = {
 }
 """k1, k2, p1, p2, k3 of the same; the images of freiburg3 have none."""
 _DEFAULT_CAMERA = (525.0, 525.0, 319.5, 239.5)
+
+_logger = logging.getLogger(__name__)
 
 
 def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
@@ -52,22 +49,31 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
     truth = folder / "groundtruth.txt"
     if needs_poses and not truth.is_file():
         raise RunFolderError(f"{folder} has no groundtruth.txt; give --track to find its poses.")
-    poses = sorted(read_table(truth), key=itemgetter(0)) if truth.is_file() else []
+    poses = _poses(truth) if truth.is_file() else []
     require_count(len(depth))
     colour_times, pose_times = [time_s for time_s, _ in colour], [float(line[0]) for line in poses]
+    track = Track(truth.name, pose_times, [line[1:] for line in poses])
     chosen, found = [], []
     for time_s, name in depth:
-        image, pose = nearest_index(colour_times, time_s), nearest_index(pose_times, time_s)
+        image, pose = nearest_index(colour_times, time_s), _pose(track, time_s)
         if image is not None and (pose is not None or not needs_poses):
             chosen.append((time_s, folder / colour[image][1], folder / name))
-            found.append(None if pose is None else tum_matrix(poses[pose][1:4], poses[pose][4:]))
+            found.append(pose)
     matrices, missing = bridged([time_s for time_s, _, _ in chosen], found)
     frames = [Frame(time_s, image, depth, T) for (time_s, image, depth), T in zip(chosen, matrices, strict=True)]
     partners = "image or no pose is" if needs_poses else "image is"
-    say_left_out(folder, len(frames), len(depth), f"no {partners} within {MATCH_S:g} s of their depth")
+    say_left_out(
+        folder,
+        len(frames),
+        len(depth),
+        f"no {partners} near their depth in time ({MATCH_S:g} s, {GAP_S:g} s between two poses)",
+    )
     key = next((key for key in _CAMERAS if key in folder.resolve().name), "")
-    known = _CAMERAS.get(key, _DEFAULT_CAMERA)
-    bent = LensDistortion.of("plumb_bob", _DISTORTIONS.get(key, ()), f"as published for {key}, by the folder's name")
+    stated = _stated_camera(folder)
+    known = stated or _CAMERAS.get(key, _DEFAULT_CAMERA)
+    bent = LensDistortion.of(
+        "plumb_bob", () if stated else _DISTORTIONS.get(key, ()), f"as published for {key}, by the folder's name"
+    )
     require_below(folder, frames[:1])
     height, width = read_image(chosen[0][1], "RGB").shape[:2] if chosen else (480, 640)
     camera = from_pixel_centres(width, height, known)
@@ -80,10 +86,51 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
         distortion=bent,
         has_poses=needs_poses or len(missing) < len(frames),
         interpolated=missing,
+        assumes_camera=not (key or stated),
     )
+
+
+def _pose(track: Track, time_s: float) -> Float[np.ndarray, "4 4"] | None:
+    """The pose between those before and after a time, else the nearest one within ``MATCH_S``."""
+    times = track.times_s
+    between = track.at(time_s) if times and times[0] <= time_s <= times[-1] else None
+    nearest = None if between is not None else nearest_index(times, time_s)
+    return between if nearest is None else tum_matrix(track.poses[nearest][:3], track.poses[nearest][3:])
 
 
 def _listed(path: Path) -> list[tuple[float, str]]:
     """Times and names in a list of a TUM sequence, by time."""
-    lines = [line.split() for line in read_text(path).splitlines() if line and line[0] != "#"]
-    return sorted(((float(words[0]), words[1]) for words in lines if words), key=itemgetter(0))
+    lines = [line.replace(",", " ", 1).split(maxsplit=1) for line in rows(path)]
+    if lines and not lines[0][0][:1].isdigit():
+        del lines[0]
+    return sorted(((float(words[0]), with_slashes(words[1])) for words in lines), key=itemgetter(0))
+
+
+def _poses(path: Path) -> list[Float[np.ndarray, "8"]]:
+    """Times and poses by time; lines of nan, or with a quaternion of zeros, are left out."""
+    lines = number_rows(path)
+    if not len(lines):
+        return []
+    if lines.shape[1] != 8:
+        raise ValueError(f"the lines of {path.name} hold {lines.shape[1]} numbers, not 8")
+    good = np.isfinite(lines).all(axis=1) & lines[:, 4:].any(axis=1)
+    if not good.all():
+        _logger.warning(
+            "%s: %d of %d lines are no poses (the first at %.9g s) and are left out.",
+            path,
+            np.count_nonzero(~good),
+            len(lines),
+            lines[np.argmin(good), 0],
+        )
+    return sorted(lines[good], key=itemgetter(0))
+
+
+def _stated_camera(folder: Path) -> tuple[float, ...] | None:
+    """fx, fy, cx, cy [px] of ETH3D's ``calibration.txt``, from the centre of the first pixel."""
+    path = folder / "calibration.txt"
+    if not path.is_file():
+        return None
+    numbers = number_rows(path).ravel().tolist()
+    if len(numbers) != 4:
+        raise ValueError(f"{path.name} holds {len(numbers)} numbers, not fx fy cx cy")
+    return tuple(numbers)

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import MapError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 if TYPE_CHECKING:
     from anm_mj.mapping.alignment import AlignSettings
 
 
 @dataclass(frozen=True)
-class RegistrationConfig:
+class RegistrationConfig(Settings, group="localisation.registration", error=MapError):
     """How one frame is registered to the field."""
 
     num_points: int = setting(800, at_least=50, at_most=65_536)
@@ -47,9 +47,6 @@ class RegistrationConfig:
     still_rad: float = 2e-4
     """And turns it by less [rad]."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.registration", MapError)
-
     def settings(self, share: float) -> AlignSettings:
         """How residuals are weighted after a share of the shrinking, in [0, 1]."""
         from anm_mj.mapping.alignment import AlignSettings  # Settings alone should not cost the import of numpy.
@@ -59,7 +56,7 @@ class RegistrationConfig:
 
 
 @dataclass(frozen=True)
-class KeyImageConfig:
+class KeyImageConfig(Settings, group="localisation.key_images", error=MapError):
     """Earlier frames that a frame is registered to, beside the field."""
 
     num_images: int = setting(2, at_least=0, at_most=100)
@@ -85,12 +82,9 @@ class KeyImageConfig:
     gray_kernel: float = 2.0
     """Width of the kernel on grey values, in standard deviations."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.key_images", MapError)
-
 
 @dataclass(frozen=True)
-class MotionConfig:
+class MotionConfig(Settings, group="localisation.motion", error=MapError):
     """How far the prior of a frame's pose is believed."""
 
     odometry_alpha: tuple[float, float, float, float] = setting((0.01, 0.01, 0.01, 0.01), at_least=0.0)
@@ -106,12 +100,9 @@ class MotionConfig:
     free_rotation_rad: float = 0.015
     """Constant velocity: and at least this, of the rotation [rad]."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.motion", MapError)
-
 
 @dataclass(frozen=True)
-class TrackingConfig:
+class TrackingConfig(Settings, group="localisation.tracking", error=MapError):
     """When a pose is good enough, and how much is trained meanwhile."""
 
     least_inliers: float = setting(0.35, at_least=0.0, at_most=1.0)
@@ -141,12 +132,53 @@ class TrackingConfig:
     current_rays: int = setting(250, at_least=1, at_most=65_536)
     """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.tracking", MapError)
+
+@dataclass(frozen=True)
+class GraphConfig(Settings, group="localisation.graph", error=MapError):
+    """Poses of keyframes that are corrected by what is measured between them."""
+
+    adjust: bool = False
+    """Whether the poses of the latest keyframes are adjusted with each new one (bundle adjustment)."""
+    loops: bool = False
+    """Whether a place that is seen again corrects all keyframes since (loop closure)."""
+    images: int = setting(5, at_least=1, at_most=100)
+    """Earlier keyframes that a new one is registered to."""
+    window: int = setting(30, at_least=1, at_most=100_000)
+    """So many of the latest keyframes are adjusted; a loop adjusts all but the first."""
+    iterations: int = setting(5, at_most=1000)
+    """Steps of Gauss-Newton for a registration."""
+    first_kernel: float = 10.0
+    """Width of the kernel on distances at first, in standard deviations."""
+    kernel: float = 2.5
+    """Width of it at the end."""
+    information: float = 0.1
+    """Share of the sum over the pixels that a registration is believed by, as neighbouring pixels err together."""
+    chain_m: float = 0.01
+    """Standard deviation of the estimated displacement from one keyframe to the next, by field and odometry [m],"""
+    chain_rad: float = 0.005
+    """and of the rotation [rad]."""
+    edge_kernel: float = 3.0
+    """Width of the kernel on the deviation of a registration from the graph, in standard deviations."""
+    least_overlap: float = setting(0.35, at_least=0.0, at_most=1.0)
+    """A keyframe must show at least this share of the points,"""
+    least_fit: float = setting(0.5, at_least=0.0, at_most=1.0)
+    """and they must fit it at least so well, in [0, 1]."""
+    loop_keyframes: int = setting(40, at_least=2, at_most=100_000)
+    """A place is seen again after so many keyframes at least,"""
+    loop_m: float = 0.02
+    """and with a deviation of more than this [m],"""
+    loop_confirmations: int = setting(3, at_least=1, at_most=1000)
+    """which so many keyframes in a row have to say alike,"""
+    loop_chi_square: float = 16.0
+    """and all other measurements must allow, by the squared deviation in standard deviations."""
+    rebuild_m: float = 0.03
+    """A correction by more than this [m] rebuilds the occupancy grid from the keyframes, and trains the field again,"""
+    rebuild_iterations: int = setting(100, at_least=0, at_most=100_000)
+    """with so many iterations."""
 
 
 @dataclass(frozen=True)
-class RelocalisationConfig:
+class RelocalisationConfig(Settings, group="localisation.relocalisation", error=MapError):
     """How a lost camera is looked for."""
 
     cell_m: float = setting(0.1, at_least=0.02, at_most=1.0)
@@ -184,9 +216,6 @@ class RelocalisationConfig:
     frames: int = setting(4, at_most=1000)
     """over at least so many frames."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "localisation.relocalisation", MapError)
-
     def registration(self, usual: RegistrationConfig) -> RegistrationConfig:
         """The settings by which a candidate is registered."""
         return replace(usual, iterations=self.iterations, shrink_iterations=self.iterations // 2)
@@ -200,4 +229,5 @@ class LocalisationConfig:
     key_images: KeyImageConfig = KeyImageConfig()
     motion: MotionConfig = MotionConfig()
     tracking: TrackingConfig = TrackingConfig()
+    graph: GraphConfig = GraphConfig()
     relocalisation: RelocalisationConfig = RelocalisationConfig()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from anm_mj.errors import MapError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 ENGINES = ("auto", "native", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
@@ -19,7 +19,7 @@ UNCERTAINTY_METHODS = ("last_layer_variance", "closed_form", "perturbation")
 
 
 @dataclass(frozen=True)
-class FieldConfig:
+class FieldConfig(Settings, group="mapping.field", error=MapError):
     """Shape of the neural field: a hash grid and a one-blob code in metric world coordinates, and two decoders."""
 
     num_levels: int = setting(16, at_least=1, at_most=32)
@@ -50,7 +50,7 @@ class FieldConfig:
     """Distance at which the SDF saturates [m]; the network's s is a fraction of it."""
 
     def __post_init__(self) -> None:
-        check_settings(self, "mapping.field", MapError)
+        super().__post_init__()
         if self.finest_cell_m > self.coarsest_cell_m:
             raise MapError(
                 f"mapping.field.finest_cell_m is {self.finest_cell_m}; it must be at most coarsest_cell_m, "
@@ -59,7 +59,7 @@ class FieldConfig:
 
 
 @dataclass(frozen=True)
-class SamplingConfig:
+class SamplingConfig(Settings, group="mapping.sampling", error=MapError):
     """Where samples lie along a training ray."""
 
     scheme: Literal["guided", "uniform"] = setting("guided", choices=("guided", "uniform"))
@@ -74,9 +74,6 @@ class SamplingConfig:
     max_depth_m: float = 10.0
     """Depth beyond this counts as none [m]."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "mapping.sampling", MapError)
-
     @property
     def samples_per_ray(self) -> int:
         """Number of samples on every ray."""
@@ -84,7 +81,7 @@ class SamplingConfig:
 
 
 @dataclass(frozen=True)
-class LossConfig:
+class LossConfig(Settings, group="mapping.loss", error=MapError):
     """Weights of the five loss terms (paper, section IV-B)."""
 
     rgb: float = setting(5.0, at_least=0.0)
@@ -107,12 +104,9 @@ class LossConfig:
     """Whether a pixel without depth says that nothing is there up to ``SamplingConfig.far_m``, as it does for sky in a
     simulator, or nothing at all, as with a scanner that loses dark or glossy surfaces."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "mapping.loss", MapError)
-
 
 @dataclass(frozen=True)
-class OptimizerConfig:
+class OptimizerConfig(Settings, group="mapping.optimizer", error=MapError):
     """Adam, with one learning rate for the table and one for the decoders."""
 
     table_learning_rate: float = 1e-2
@@ -128,12 +122,9 @@ class OptimizerConfig:
     decoder_weight_decay: float = setting(1e-6, at_least=0.0)
     """L2 penalty on the decoders' weights."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "mapping.optimizer", MapError)
-
 
 @dataclass(frozen=True)
-class ScheduleConfig:
+class ScheduleConfig(Settings, group="mapping.schedule", error=MapError):
     """How much is trained, when, and on what; counted in steps and iterations, never in seconds."""
 
     first_iterations: int = setting(200, at_least=0)
@@ -159,12 +150,9 @@ class ScheduleConfig:
     replay_bytes: int = setting(256_000_000, at_least=1_000_000, at_most=64e9)
     """Memory for keyframes [bytes]; when it is full, each keyframe gives up a random half of its pixels."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "mapping.schedule", MapError)
-
 
 @dataclass(frozen=True)
-class OccupancyConfig:
+class OccupancyConfig(Settings, group="mapping.occupancy", error=MapError):
     """The grid of free, occupied and unknown voxels fused from depth."""
 
     voxel_m: float = setting(0.05, at_least=0.005, at_most=1.0)
@@ -184,7 +172,7 @@ class OccupancyConfig:
     that the sensor says did, and large squares of lost ones about which all is near the end of the range."""
 
     def __post_init__(self) -> None:
-        check_settings(self, "mapping.occupancy", MapError)
+        super().__post_init__()
         for name in ("hit", "miss"):
             if getattr(self, name) > self.limit:
                 raise MapError(
@@ -193,7 +181,7 @@ class OccupancyConfig:
 
 
 @dataclass(frozen=True)
-class UncertaintyConfig:
+class UncertaintyConfig(Settings, group="mapping.uncertainty", error=MapError):
     """How the uncertainty of the map at a point is computed."""
 
     method: str = setting("last_layer_variance", choices=UNCERTAINTY_METHODS)
@@ -207,12 +195,9 @@ class UncertaintyConfig:
     color_weight: float = setting(1.0, at_least=0.0)
     """Weight of the mean variance of the colour channels (in [0, 1]) against that of s (in truncations)."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, "mapping.uncertainty", MapError)
-
 
 @dataclass(frozen=True)
-class MappingConfig:
+class MappingConfig(Settings, group="mapping", error=MapError):
     """Settings of the mapping stage."""
 
     field: FieldConfig = FieldConfig()
@@ -233,7 +218,7 @@ class MappingConfig:
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 
     def __post_init__(self) -> None:
-        check_settings(self, "mapping", MapError)
+        super().__post_init__()
         if self.engine == "mlp" and self.uncertainty.method == "last_layer_variance":
             raise MapError("mapping.uncertainty.method is 'last_layer_variance'; engine mlp has no such layer.")
 

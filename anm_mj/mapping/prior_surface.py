@@ -65,7 +65,7 @@ class PriorSurface:
         """What has changed, by now: pieces of surface that are gone or new, largest first.
 
         Args:
-            state: the grid as of now, which has grown from the prior one.
+            state: the grid as of now, which has grown from the prior run.
             by_depth: what depth alone says of it; where the two disagree, nothing is certain.
             corner: its corner.
         """
@@ -123,7 +123,7 @@ class PriorSurface:
     def _window(
         self, state: Int8[np.ndarray, "layers rows cols"], corner: Int64[np.ndarray, "3"]
     ) -> Int8[np.ndarray, "l r c"]:
-        """The part of a grid that the prior one covered."""
+        """The part of a grid that the prior run covered."""
         start = (self._corner - corner)[::-1]
         return state[tuple(slice(a, a + n) for a, n in zip(start, self._state.shape, strict=True))]
 

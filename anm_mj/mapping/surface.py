@@ -65,7 +65,7 @@ class SurfaceExtractor:
     def _up_to_date(
         self, sdf: SdfQuery, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, *, normals_up_to_m: float
     ) -> list[_Patch]:
-        """The patches that reach into the disc, after those that a frame has touched were made anew."""
+        """The patches that reach into the disc, after those that a frame has touched were updated."""
         stamps = self._blocks_about(centre_xy_m, radius_m)
         stale = {
             key: stamp

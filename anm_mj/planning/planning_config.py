@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from anm_mj.errors import PlanError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 REGION_KNOWN_BY = ("error", "range")
 
 
 @dataclass(frozen=True)
-class PlanningConfig:
+class PlanningConfig(Settings, group="planning", error=PlanError):
     """Settings of the shared planning stages; each policy has a configuration of its own beside it."""
 
     margin_m: float = setting(0.04, at_least=0.0, at_most=10.0)
@@ -46,7 +46,7 @@ class PlanningConfig:
     region_error_m: float = 0.005
     """With ``error``, surface whose expected error has a larger reducible part than this is known badly [m]."""
     region_radius_m: float = 6.0
-    """Uncertainty is computed anew within this distance of the robot and remembered beyond [m]: what the vertices in
+    """Uncertainty is recomputed within this distance of the robot and remembered beyond [m]: what the vertices in
     the local horizon can see."""
     region_max_height_m: float = 1.5
     """Higher surface forms no regions [m]."""
@@ -58,11 +58,14 @@ class PlanningConfig:
     """A region is anchored to a vertex that sees it from within this range, and three quarters of the camera's [m]."""
     anchor_max_incidence_deg: float = 75.0
     """Largest angle between the view and the region's normal [deg]."""
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "planning", PlanError)
+    uncertainty_aware: bool = True
+    """Whether plans weigh certainty where poses are estimated; the next four say how."""
+    unbound_step_cost: float = setting(0.0, at_least=0.0)
+    """A step whose view binds the position in one direction at most counts as so many steps more (policy ``gvg``)."""
+    bound_share: float = setting(0.05, at_most=0.5)
+    """A view binds the position fully where its surface holds the direction that it holds least with this share of its
+    rays."""
+    return_deviation_m: float = 0.025
+    """Where the standard deviation of the position exceeds this, the robot goes back to where it was half of it [m]."""
+    return_deviation_rad: float = 0.015
+    """Likewise for that of the heading [rad]."""

@@ -51,8 +51,8 @@ RENEWAL = 0.5
 """Weight of the newest scan in where the surface of a cell lies."""
 MOST, LEAST = 3.5, -2.0
 """Bounds of a cell's log-odds, so that later scans can still change its state."""
-MOST_FORMER, LEAST_FORMER = 1.1, -0.8
-"""The same for what a former run left: one scan or three change it."""
+MOST_PRIOR, LEAST_PRIOR = 1.1, -0.8
+"""The same for what a prior run left: one scan or three change it."""
 
 
 class ScanGrid:
@@ -70,10 +70,10 @@ class ScanGrid:
         """Where in each cell the beams ended: x and y from its centre [m]; NaN where none did."""
 
     def continue_from(self, log_odds: Float[np.ndarray, "rows cols"], origin_xy_m: Float[np.ndarray, "2"]) -> None:
-        """Begin with the grid of a former run, of which a few scans change what has changed since."""
+        """Begin with the grid of a prior run, of which a few scans change what has changed since."""
         # The grid grows in whole blocks from a corner of theirs.
         self.origin_xy_m = np.rint(origin_xy_m / RESOLUTION_M) * RESOLUTION_M
-        self.log_odds = np.clip(log_odds.astype(np.float32), LEAST_FORMER, MOST_FORMER)
+        self.log_odds = np.clip(log_odds.astype(np.float32), LEAST_PRIOR, MOST_PRIOR)
         self.surface_m = np.full((2, *self.log_odds.shape), np.nan, np.float32)
 
     def read_occupancy(self, grid: OccupancyGrid, poses: Float[np.ndarray, "n 3"]) -> None:
@@ -92,10 +92,10 @@ class ScanGrid:
         inside = np.flatnonzero(((cells >= 0) & (cells < free.shape)).all(axis=1))
         where = tuple(cells[inside].T)
         flat = self.log_odds.reshape(-1)
-        flat[inside[free[where]]] = LEAST_FORMER
+        flat[inside[free[where]]] = LEAST_PRIOR
         for x, y, yaw in poses:
-            self.log_odds[self._under(Pose2(x, y, yaw))] = LEAST_FORMER
-        flat[inside[occupied[where]]] = MOST_FORMER
+            self.log_odds[self._under(Pose2(x, y, yaw))] = LEAST_PRIOR
+        flat[inside[occupied[where]]] = MOST_PRIOR
 
     def integrate(self, observation: Observation) -> None:
         """Add a scan; the ground under the robot is free, because it stands there."""

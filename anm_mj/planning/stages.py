@@ -18,8 +18,8 @@ from anm_mj.protocols import Mapper
 from anm_mj.types import (
     FORWARD_STEP_M,
     Action,
+    ExploredState,
     Footprint,
-    FormerRun,
     Observation,
     Plan,
     Pose2,
@@ -74,10 +74,10 @@ class Stages:
         """Add the robot's place to its trajectory; call it with every observation."""
         self.topdown.visit(observation.pose.xy_m)
 
-    def continue_from(self, former: FormerRun) -> None:
+    def continue_from(self, prior: ExploredState) -> None:
         """Take over where the robot of a prior run was, and where it collided."""
-        self.topdown.continue_from(former.poses[:, :2])
-        for x, y, yaw in former.refused:
+        self.topdown.continue_from(prior.poses[:, :2])
+        for x, y, yaw in prior.collisions:
             self.on_collision(Pose2(x, y, yaw), Action.MOVE_FORWARD)
 
     def read(self, mapper: Mapper, observation: Observation) -> PlanningState:
@@ -89,7 +89,7 @@ class Stages:
     def update_map(
         self, mapper: Mapper, observation: Observation, watch: Stopwatch
     ) -> tuple[TopDownMap, Window | None]:
-        """The first stage alone: the top-down map as of now, and the part of the occupancy grid that it read anew."""
+        """The first stage alone: the top-down map as of now, and the part of the occupancy grid that it read again."""
         with watch.stage("topdown"):
             known = mapper.occupancy_grid(), mapper.sdf, mapper.truncation_m
             return self.topdown.update(*known, observation.pose, FieldOfView.of(observation))

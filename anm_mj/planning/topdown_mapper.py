@@ -6,7 +6,7 @@ leads out of the model, and the column counts as occupied. Near surfaces the neu
 SDF over the heights (paper, footnote 1) says where within a cell the surface lies. A sign that the field only
 extrapolates never opens a way: the SDF is asked next to observed surface alone.
 
-The map is kept up to date, not made anew: an update reads the blocks of the occupancy grid that changed since the last
+The map is kept up to date, not rebuilt: an update reads the blocks of the occupancy grid that changed since the last
 one, so its cost does not grow with the scene.
 """
 
@@ -253,7 +253,7 @@ class TopDownMapper:
         return [clamp(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: OccupancyGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
-        """Query the minimum SDF of the horizon's columns beside surface anew, and return where it changed.
+        """Query the minimum SDF of the horizon's columns beside surface again, and return where it changed.
 
         The field learns on where no depth changes: asked only where that did, what it said at first would stay.
         Columns with a hit are not asked for: they are occupied, whatever the SDF says.

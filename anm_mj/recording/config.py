@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from anm_mj.errors import RunFolderError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 IMAGE_SIZES = ("none", "small", "full")
 
 
 @dataclass(frozen=True)
-class RecordConfig:
+class RecordConfig(Settings, group="record", error=RunFolderError):
     """What is kept of the observations and decisions; no other file of the run depends on it."""
 
     images: str = setting("small", choices=IMAGE_SIZES)
@@ -21,11 +21,3 @@ class RecordConfig:
     to fit. 0 = the file is not written, and no run goes on from this one."""
     plans: bool = True
     """Whether the map, graph, regions and path of every decision are kept, about 10 KB each."""
-
-    def __post_init__(self) -> None:
-        """Check the settings.
-
-        Raises:
-            RunFolderError: ``images`` is none of the sizes.
-        """
-        check_settings(self, "record", RunFolderError)

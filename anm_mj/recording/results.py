@@ -28,7 +28,7 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.recording.run_log import tum_line
-from anm_mj.types import FormerRun, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
+from anm_mj.types import ExploredState, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.utils.files import atomic_write, write_text
 from anm_mj.utils.memory import malloc_trim
 
@@ -70,7 +70,7 @@ class FinishedMap(Protocol):
         ...
 
     def changes(self) -> tuple[SurfaceChange, ...] | None:
-        """What is gone or new since the former run; None for a map that began empty."""
+        """What is gone or new since the prior run; None for a map that began empty."""
         ...
 
 
@@ -94,19 +94,19 @@ class Survey(Protocol):
         ...
 
 
-class WayBack(NamedTuple):
+class ReturnFacts(NamedTuple):
     """How a robot that was to go back to its start did so."""
 
     steps: int | None
-    """Steps of the way back; None where it did not begin one."""
-    distance_m: float
-    """From the last pose to the first one [m]."""
+    """Steps of the return; None where it did not begin one."""
+    distance_m: float | None
+    """From the last known pose to the first one [m]; None where none was known."""
 
     @classmethod
-    def of(cls, poses: list[Pose2], explored_steps: int | None) -> WayBack:
-        """The way back of a run, from its poses and the number of steps before it; None = there was none."""
-        steps = None if explored_steps is None else len(poses) - 1 - explored_steps
-        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m))
+    def of(cls, poses: list[Pose2], num_steps: int, explored_steps: int | None) -> ReturnFacts:
+        """The return of a run, from its poses, its steps, and the steps before it; None = there was none."""
+        steps = None if explored_steps is None else num_steps - explored_steps
+        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m) if poses else None)
 
 
 def load_writers(recorder: RunRecorder) -> None:
@@ -126,7 +126,7 @@ def write_results(
     wall_s: float,
     release: Callable[[], None] = lambda: None,
     memory: dict[str, np.ndarray] | None = None,
-    back: WayBack | None = None,
+    back: ReturnFacts | None = None,
 ) -> Metrics:
     """Write mesh, map, pictures and metrics, and close the recorder.
 
@@ -162,7 +162,7 @@ def write_results(
         finished.save(partial)
     if memory is not None:
         _write_explored(recorder, finished, memory)
-    changes = finished.changes() if recorder.former is not None else None
+    changes = finished.changes() if recorder.prior is not None else None
     if changes is not None:
         write_changes(folder.changes, folder.changed_voxels, changes)
     write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
@@ -216,11 +216,11 @@ def _write_explored(recorder: RunRecorder, finished: FinishedMap, memory: dict[s
     folder = recorder.folder
     manifest = read_json(folder.manifest) if folder.manifest.is_file() else {}
     poses, collisions = _rows(recorder.poses), _rows(recorder.collisions)
-    if recorder.former is not None:
-        poses = np.concatenate((recorder.former.poses, poses))
-        collisions = np.concatenate((recorder.former.refused, collisions))
-    former = FormerRun(str(manifest.get("policy", "")), poses, collisions, memory)
-    write_explored(folder.explored, Explored(former, finished.replay(recorder.replay_bytes).arrays()))
+    if recorder.prior is not None:
+        poses = np.concatenate((recorder.prior.poses, poses))
+        collisions = np.concatenate((recorder.prior.collisions, collisions))
+    prior = ExploredState(str(manifest.get("policy", "")), poses, collisions, memory)
+    write_explored(folder.explored, Explored(prior, finished.replay(recorder.replay_bytes).arrays()))
 
 
 def _rows(poses: list[Pose2]) -> Float[np.ndarray, "n 3"]:

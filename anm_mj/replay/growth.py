@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt16
+from jaxtyping import Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.io.read_run import Run
@@ -72,22 +72,3 @@ def _seen(
     measured = depth_m[row[inside], col[inside]]
     seen[inside] = (measured > 0.0) & (np.abs(measured - z[inside]) < TOLERANCE_M + TOLERANCE_SHARE * z[inside])
     return seen
-
-
-def depth_points(
-    depth_mm: UInt16[np.ndarray, "rows cols"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-    """World points [m] of a reduced depth image, and the flat index of each one's pixel.
-
-    Args:
-        depth_mm: Reduced depth [mm], 0 where nothing.
-        intrinsics: Of the original image.
-        T_world_camera: Camera to world.
-    """
-    rows, cols = depth_mm.shape
-    pixel = np.flatnonzero(depth_mm)
-    row, col = np.divmod(pixel, cols)
-    z = depth_mm.ravel()[pixel] / 1000.0
-    u, v = col * intrinsics.width // cols + 0.5, row * intrinsics.height // rows + 0.5
-    camera = np.stack([(u - intrinsics.cx) / intrinsics.fx * z, (v - intrinsics.cy) / intrinsics.fy * z, z], axis=1)
-    return camera @ T_world_camera[:3, :3].T + T_world_camera[:3, 3], pixel

@@ -64,6 +64,7 @@ def replay_page(
 
 def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
     run = timeline.run
+    legend = (*palette.LEGEND, *palette.TRUTH_LEGEND)
     plans, graphs = _plans(timeline)
     name, coverage = timeline.coverage
     bounds = timeline.xy_m if mesh is None or not len(mesh.vertices_m) else mesh.vertices_m[:, :2]
@@ -75,6 +76,9 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "steps": timeline.steps.tolist(),
         "poses": _base64(np.array(poses, np.float32)),
         "cameras": _base64(np.array(cameras, np.float32)),
+        "lost": np.flatnonzero(timeline.is_lost).tolist(),
+        "truth": None if timeline.true_xy_m is None else _base64(timeline.true_xy_m.astype(np.float32)),
+        "ellipses": _ellipses(timeline),
         "plan_of_frame": timeline.plan_of_frame.tolist(),
         "plans": plans,
         "graphs": graphs,
@@ -93,11 +97,19 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
             "trajectory": shapes.TRAJECTORY_HEIGHT_M,
             "path": shapes.PATH_HEIGHT_M,
         },
-        "colours": {key: palette.number(colour) for key, _, colour in palette.LEGEND},
-        "legend": palette.LEGEND,
+        "colours": {key: palette.number(colour) for key, _, colour in legend},
+        "legend": legend,
         "centre": ((low + high) / 2.0).tolist(),
         "size": float(max(high - low)),
     }
+
+
+def _ellipses(timeline: Timeline) -> str | None:
+    """Half axes and direction of the position's uncertainty at each frame; None where nobody estimated it."""
+    found = [timeline.ellipse_m(index) for index in range(timeline.num_frames)]
+    if all(each is None for each in found):
+        return None
+    return _base64(np.array([np.zeros(3) if each is None else each for each in found], np.float32))
 
 
 def _plans(timeline: Timeline) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -10,7 +10,7 @@ ones ``[layer, row, col]`` with layer along world z.
 from anm_mj.types.map import FREE as FREE
 from anm_mj.types.map import OCCUPIED as OCCUPIED
 from anm_mj.types.map import UNKNOWN as UNKNOWN
-from anm_mj.types.map import FormerRun as FormerRun
+from anm_mj.types.map import ExploredState as ExploredState
 from anm_mj.types.map import MapUpdate as MapUpdate
 from anm_mj.types.map import OccupancyGrid as OccupancyGrid
 from anm_mj.types.map import SdfQuery as SdfQuery

@@ -114,14 +114,14 @@ class SurfaceChange:
 
 
 @dataclass(frozen=True)
-class FormerRun:
+class ExploredState:
     """What a run found out beside its map, for another one to go on from."""
 
     policy: str
     """Name of its policy."""
     poses: Float[np.ndarray, "n 3"]
     """Where its robot was, and those of the runs that it went on from: x [m], y [m], yaw [rad] in the world."""
-    refused: Float[np.ndarray, "k 3"]
+    collisions: Float[np.ndarray, "k 3"]
     """Poses from which a forward step met an obstacle, likewise."""
     memory: dict[str, np.ndarray] = field(default_factory=dict)
     """What its policy remembered (:meth:`anm_mj.protocols.Continues.memory`)."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Literal, TypeVar, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, TypeVar, get_origin, get_type_hints
 
 T = TypeVar("T")
 
@@ -104,3 +104,20 @@ def check_settings(config: Any, group: str, error: type[Exception]) -> None:
         if not is_dataclass(value) and not limits.hold(value):
             text = f"'{value}'" if isinstance(value, str) else value
             raise error(f"{group}.{entry.name} is {text}; it must be {limits}.")
+
+
+class Settings:
+    """Base of frozen dataclasses of settings, which raise ``error`` for a field outside of its limits.
+
+    A subclass names its ``group``, which precedes a field's name in messages, such as ``planning``, and the ``error``.
+    """
+
+    _group: ClassVar[str]
+    _error: ClassVar[type[Exception]]
+
+    def __init_subclass__(cls, *, group: str = "", error: type[Exception] | None = None) -> None:
+        if error is not None:
+            cls._group, cls._error = group, error
+
+    def __post_init__(self) -> None:
+        check_settings(self, self._group, self._error)

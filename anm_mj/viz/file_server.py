@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TypeVar
 
 from anm_mj.errors import RenderError
+
+T = TypeVar("T")
 
 ADDRESS = "127.0.0.1"
 FIRST_PORT = 7000
@@ -27,7 +31,8 @@ class FileServer:
     """
 
     def __init__(self, page: bytes, first_port: int = FIRST_PORT) -> None:
-        self._server = _free_server(_handler(page), first_port)
+        handler = _handler(page)
+        self._server = first_free(first_port, lambda port: ThreadingHTTPServer((ADDRESS, port), handler))
         self._thread = threading.Thread(target=self._server.serve_forever, name="replay", daemon=True)
         self._thread.start()
 
@@ -76,10 +81,19 @@ def _handler(page: bytes) -> type[BaseHTTPRequestHandler]:
     return Handler
 
 
-def _free_server(handler: type[BaseHTTPRequestHandler], first_port: int) -> ThreadingHTTPServer:
+def first_free(first_port: int, listen: Callable[[int], T]) -> T:
+    """What listens on the first port that is free.
+
+    Args:
+        first_port: The first port to try.
+        listen: Listens on a port of ``ADDRESS``; raises OSError where it is taken.
+
+    Raises:
+        RenderError: None of ``PORTS_TRIED`` ports is free.
+    """
     for port in range(first_port, first_port + PORTS_TRIED):
         try:
-            return ThreadingHTTPServer((ADDRESS, port), handler)
+            return listen(port)
         except (OSError, OverflowError):
             continue
     last = first_port + PORTS_TRIED - 1

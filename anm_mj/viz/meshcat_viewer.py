@@ -20,12 +20,13 @@ from PIL import Image
 
 from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
-from anm_mj.io.run_events import Completed, Started
+from anm_mj.io.run_events import Completed, Mapped, Started
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, script_json
-from anm_mj.viz.page_server import FIRST_PORT, PageServer
+from anm_mj.viz.file_server import FIRST_PORT
+from anm_mj.viz.page_server import PageServer
 
 logger = logging.getLogger(__name__)
 
@@ -98,6 +99,10 @@ class MeshcatViewer:
             self.show(event.observation, event.mapper, event.plan)
             if self._started is not None:
                 self.progress(event.step, self._started.num_steps, self._started.completed())
+        elif isinstance(event, Mapped):
+            self.show(event.observation, event.mapper, event.plan)
+            if self._started is not None:
+                self.progress(event.observation.step + 1, self._started.num_steps, None)
         elif isinstance(event, Ended):
             self._server.say("ended", {"ended": f"{_end(event)} Replay it: anm-mj view runs/latest"})
 

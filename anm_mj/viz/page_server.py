@@ -21,13 +21,9 @@ from tornado.iostream import IOStream
 from tornado.web import Application, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from anm_mj.errors import RenderError
 from anm_mj.viz.assets import bundle_folder
+from anm_mj.viz.file_server import ADDRESS, FIRST_PORT, first_free
 
-ADDRESS = "127.0.0.1"
-FIRST_PORT = 7000
-"""meshcat's default port."""
-PORTS_TRIED = 100
 HOSTS = r"(127\.0\.0\.1|localhost)"
 """Accepted host names; the server rejects foreign names that resolve to this machine (DNS rebinding)."""
 LAST_WORDS_S = 1.0
@@ -66,7 +62,8 @@ class PageServer:
 
     def __init__(self, first_port: int = FIRST_PORT, page: str = "") -> None:
         self._page = page
-        listening = _free_socket(first_port)
+        listening = first_free(first_port, lambda port: socket.create_server((ADDRESS, port)))
+        listening.setblocking(False)
         self.port: int = listening.getsockname()[1]
         self._lock = threading.Lock()
         self._outbox: dict[Key, bytes | str] = {}
@@ -281,15 +278,3 @@ class _Browser(WebSocketHandler):
                 await self.write_message(data, binary=isinstance(data, bytes))
         except WebSocketClosedError:
             self._server.leave(self)
-
-
-def _free_socket(first_port: int) -> socket.socket:
-    for port in range(first_port, first_port + PORTS_TRIED):
-        try:
-            listening = socket.create_server((ADDRESS, port))
-        except (OSError, OverflowError):
-            continue
-        listening.setblocking(False)
-        return listening
-    last = first_port + PORTS_TRIED - 1
-    raise RenderError(f"None of the ports {first_port} to {last} is free on {ADDRESS}; choose another with --port.")

@@ -62,7 +62,7 @@ def draw_topdown(
         target_xy_m: The last target, world [m].
         title: Title of the figure.
         kinds: ``png``, ``pdf``, ``svg``.
-        changes: Surface that is gone or new since a former run.
+        changes: Surface that is gone or new since a prior run.
 
     Returns:
         The files.
@@ -204,8 +204,8 @@ def _swatch(colour: str) -> Patch:
 
 def _draw_changes(axes: Axes, changes: Sequence[SurfaceChange]) -> None:
     for kind, color, label in (
-        ("gone", palette.GONE, "gone since the former run"),
-        ("new", palette.NEW, "new since the former run"),
+        ("gone", palette.GONE, "gone since the prior run"),
+        ("new", palette.NEW, "new since the prior run"),
     ):
         mine = [change for change in changes if change.kind == kind]
         if not mine:

@@ -9,10 +9,18 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from tests.io.bags import images, poses_by_tf, write_bag, write_bag_of_ros_1
-from tests.io.test_sequence_layouts import write_nerfstudio, write_ours, write_replica, write_tum
+from tests.io.test_sequence_layouts import CAMERA, write_nerfstudio, write_ours, write_replica, write_tum
+
+
+def _write_tum(folder: Path) -> None:
+    """With its camera: images that are not of the data set's size are refused without."""
+    write_tum(folder)
+    camera = f"{CAMERA.fx} {CAMERA.fy} {CAMERA.cx - 0.5} {CAMERA.cy - 0.5}\n"
+    (folder / "calibration.txt").write_text(camera, encoding="utf-8")
+
 
 WRITERS: dict[str, Callable[[Path], None]] = {
-    "tum": write_tum,
+    "tum": _write_tum,
     "nerfstudio": write_nerfstudio,
     "replica": write_replica,
     "sequence": write_ours,

@@ -49,7 +49,7 @@ def test_views_depend_on_the_scene_alone_and_are_rendered_once(scene, cache, mon
     assert np.ptp([pose.yaw_rad for pose in poses]) > np.pi
 
 
-def test_a_damaged_cache_is_rendered_anew(scene, cache):
+def test_a_damaged_cache_is_rendered_again(scene, cache):
     first = fixed_views(scene, NUM)
     next(cache.iterdir()).write_bytes(b"half a file")
     for one, other in zip(first, fixed_views(scene, NUM), strict=True):

@@ -1,4 +1,4 @@
-"""A run goes on from a former one: real runs in a small scene."""
+"""A run goes on from a prior run: real runs in a small scene."""
 
 import json
 import shutil
@@ -32,8 +32,8 @@ def run(small, out, *, settings=(), steps=6, **options):
 
 
 @pytest.fixture(scope="module")
-def former(small, tmp_path_factory):
-    out = tmp_path_factory.mktemp("runs") / "former"
+def prior(small, tmp_path_factory):
+    out = tmp_path_factory.mktemp("runs") / "prior"
     run(small, out, settings=["record.replay_bytes=200000"])
     return out
 
@@ -43,25 +43,25 @@ def read(folder, name):
 
 
 @pytest.mark.slow
-def test_a_continued_run_knows_what_was_covered(small, former, tmp_path):
+def test_a_continued_run_knows_what_was_covered(small, prior, tmp_path):
     out = tmp_path / "runs" / "next"
     latest = tmp_path / "runs" / "latest"
     latest.parent.mkdir()
-    latest.symlink_to(former)
+    latest.symlink_to(prior)
     _, metrics = run(small, out, continue_from=str(latest))
     latest.unlink()
-    before = read(former, "metrics.json")
+    before = read(prior, "metrics.json")
     assert metrics.completion_ratio_before == pytest.approx(before["completion_ratio"], abs=1e-3)
     assert metrics.completion_ratio > metrics.completion_ratio_before
     first = (out / "curve.csv").read_text().splitlines()[1].split(",")
     assert float(first[1]) >= metrics.completion_ratio_before
     said = read(out, "manifest.json")["continued_from"]
-    assert said == {"run": str(former), "scene_hash": read(former, "manifest.json")["scene_hash"], "frames": 7}
-    assert read(former, "manifest.json")["continued_from"] is None
+    assert said == {"run": str(prior), "scene_hash": read(prior, "manifest.json")["scene_hash"], "frames": 7}
+    assert read(prior, "manifest.json")["continued_from"] is None
     assert read(out, "changes.json") == {"changes": []}
-    # No rotation first: the robot stands where the former one stood.
+    # No rotation first: the robot stands where the prior run stood.
     assert "bootstrap" not in (out / "plans.jsonl").read_text().splitlines()[0]
-    assert (former / "explored.safetensors").stat().st_size < 220_000
+    assert (prior / "explored.safetensors").stat().st_size < 220_000
 
     known = read(out, "metrics.json")
     evaluate_run(out)
@@ -70,18 +70,18 @@ def test_a_continued_run_knows_what_was_covered(small, former, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_continued_run_can_be_continued_by_another_policy(small, former, tmp_path):
+def test_a_continued_run_can_be_continued_by_another_policy(small, prior, tmp_path):
     out = tmp_path / "next"
-    _, metrics = run(small, out, continue_from=str(former))
+    _, metrics = run(small, out, continue_from=str(prior))
     _, third = run(small, tmp_path / "third", continue_from=str(out), steps=3, drive="physics", policy="frontier")
     assert third.completion_ratio_before == pytest.approx(metrics.completion_ratio, abs=1e-3)
     assert read(tmp_path / "third", "manifest.json")["continued_from"]["frames"] == 14
 
 
 @pytest.mark.slow
-def test_a_continued_run_can_be_resumed(small, former, tmp_path):
+def test_a_continued_run_can_be_resumed(small, prior, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    options = {"continue_from": str(former), "return_to_start": True}
+    options = {"continue_from": str(prior), "return_to_start": True}
     config = make_config(
         "quick", [*TINY, *OFTEN], scene=str(small), steps=100, seed=3, device="cpu", policy="frontier", **options
     )
@@ -95,23 +95,23 @@ def test_a_continued_run_can_be_resumed(small, former, tmp_path):
     assert metrics.return_distance_m < 0.1
     assert metrics.return_steps > 0
     # What a run goes on from may be gone by the time that it is resumed.
-    kept = former.rename(former.with_name("elsewhere"))
+    kept = prior.rename(prior.with_name("elsewhere"))
     try:
         resume(cut)
     finally:
-        kept.rename(former)
+        kept.rename(prior)
     assert_same(cut, whole)
 
 
-def test_what_a_folder_lacks_is_said_before_anything_is_written(small, former, tmp_path):
+def test_what_a_folder_lacks_is_said_before_anything_is_written(small, prior, tmp_path):
     copied = tmp_path / "copied"
-    shutil.copytree(former, copied)
+    shutil.copytree(prior, copied)
     out = tmp_path / "out"
     with pytest.raises(MapError, match="continue with the policy of that run, gvg"):
         anm_mj.run.run(make_config("default", [], scene=str(small), policy="anm", continue_from=str(copied)), out=out)
     arrays = copied / "explored.safetensors"
     arrays.write_bytes(arrays.read_bytes()[:-5])
-    with pytest.raises(RunFolderError, match="explore anew"):
+    with pytest.raises(RunFolderError, match="explore again"):
         run(small, out, continue_from=str(copied))
     arrays.unlink()
     with pytest.raises(RunFolderError, match=r"has no explored.safetensors"):

@@ -66,7 +66,7 @@ def test_every_file_of_the_run_can_be_read_back(finished):
     assert [line["step"] for line in steps] == list(range(1, metrics.steps + 1))
     assert set(steps[0]["ms"]) == {"plan", "act", "observe", "map"}
     assert all(line["reason"] for line in plans)
-    # Where a plan still stands, the graph is not made anew.
+    # Where a plan still stands, the graph is not rebuilt.
     assert all({"topdown", "gain"} <= set(line["ms"]) for line in plans[1:])
     assert any({"topdown", "graph", "paths", "gain", "choice"} <= set(line["ms"]) for line in plans)
     curve = np.genfromtxt(folder / "curve.csv", delimiter=",", names=True)

@@ -3,21 +3,21 @@ import pytest
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.explored_file import Explored, read_explored, write_explored
-from anm_mj.types import FormerRun
+from anm_mj.types import ExploredState
 
 POSES = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
-FORMER = FormerRun("own:Policy", POSES, POSES[:0], {"grid": np.arange(6.0).reshape(2, 3)})
+PRIOR = ExploredState("own:Policy", POSES, POSES[:0], {"grid": np.arange(6.0).reshape(2, 3)})
 REPLAY = {"pixels": np.zeros((4, 9), np.uint8), "num_pixels": np.array([4])}
 
 
 def test_what_is_written_is_read(tmp_path):
     path = tmp_path / "explored.safetensors"
-    write_explored(path, Explored(FORMER, REPLAY))
+    write_explored(path, Explored(PRIOR, REPLAY))
     found = read_explored(path)
-    assert found.former.policy == "own:Policy"
-    np.testing.assert_array_equal(found.former.poses, POSES)
-    assert found.former.refused.shape == (0, 3)
-    np.testing.assert_array_equal(found.former.memory["grid"], FORMER.memory["grid"])
+    assert found.prior.policy == "own:Policy"
+    np.testing.assert_array_equal(found.prior.poses, POSES)
+    assert found.prior.collisions.shape == (0, 3)
+    np.testing.assert_array_equal(found.prior.memory["grid"], PRIOR.memory["grid"])
     np.testing.assert_array_equal(found.replay["pixels"], REPLAY["pixels"])
     again = tmp_path / "again.safetensors"
     write_explored(again, found)
@@ -34,7 +34,7 @@ def test_a_damaged_file_is_one_sentence(tmp_path, spoil):
     from safetensors.numpy import save
 
     path = tmp_path / "explored.safetensors"
-    write_explored(path, Explored(FORMER, REPLAY))
+    write_explored(path, Explored(PRIOR, REPLAY))
     if spoil == "cut":
         path.write_bytes(path.read_bytes()[:-20])
     elif spoil == "text":
@@ -51,6 +51,6 @@ def test_a_damaged_file_is_one_sentence(tmp_path, spoil):
 @pytest.mark.parametrize(("poses", "words"), [(POSES + 1e30, "beyond 1000 km"), (np.zeros((200_001, 3)), "200001")])
 def test_poses_beyond_everything_are_refused(tmp_path, poses, words):
     path = tmp_path / "explored.safetensors"
-    write_explored(path, Explored(FormerRun("p", poses, POSES, {}), REPLAY))
+    write_explored(path, Explored(ExploredState("p", poses, POSES, {}), REPLAY))
     with pytest.raises(RunFolderError, match=words):
         read_explored(path)

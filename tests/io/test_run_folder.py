@@ -10,6 +10,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.manifest import RunFacts, cpu_model, git_revision, manifest, memory_mib
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import write_json
 from anm_mj.types import StopReason
 
 
@@ -77,7 +78,7 @@ def test_unwritable_folder(tmp_path):
 
 def test_write_config(tmp_path):
     folder = RunFolder.create(tmp_path / "run", "home", "gvg")
-    folder.write_config(Whole(Stage(), values={"a": np.float32(0.5), "b": np.arange(2), "c": float("nan")}))
+    write_json(folder.config, Whole(Stage(), values={"a": np.float32(0.5), "b": np.arange(2), "c": float("nan")}))
     assert json.loads(folder.config.read_text()) == {
         "stage": {"rate": 0.1, "shape": [2, 3], "where": "here"},
         "reason": "STUCK",
@@ -90,7 +91,7 @@ def test_manifest(tmp_path):
     facts = RunFacts(
         "home", "abc", "diff_drive", "def", "gvg", "both", 3, "cpu", "torch", "egl", "llvmpipe", "gl", "exact"
     )
-    folder.write_manifest(manifest(facts, ["anm-mj", "explore", "home"]))
+    write_json(folder.manifest, manifest(facts, ["anm-mj", "explore", "home"]))
     written = json.loads(folder.manifest.read_text())
     assert (written["seed"], written["gl_renderer"], written["scene_hash"]) == (3, "llvmpipe", "abc")
     assert written["packages"]["numpy"] == np.__version__

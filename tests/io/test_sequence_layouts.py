@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions, transform_points
-from anm_mj.io.sequence import SequenceWriter
-from anm_mj.io.sequence_layouts import SequenceOptions, find_floor_m, open_sequence
+from anm_mj.io.own_sequence import SequenceWriter
+from anm_mj.io.sequence_floor import find_floor_m
+from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, new_recorder, observe, record_steps
 
@@ -94,6 +95,9 @@ def to_wall_m(observation):
     return np.abs(np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points)).min(axis=1)
 
 
+PINHOLE = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+
+
 @pytest.mark.parametrize(
     ("layout", "write", "num_frames", "camera"),
     [
@@ -162,7 +166,7 @@ def test_only_every_third_frame(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"layout": "scannet"}, "There is no layout 'scannet'; choose from run, anm-mj, tum"),
+        ({"layout": "lsd"}, "There is no layout 'lsd'; choose from run, anm-mj, tum"),
         ({"up": "x"}, "--up is 'x'"),
         ({"every": 0}, "--every is 0"),
         ({"layout": "tum"}, "cannot be read in the layout tum"),
@@ -240,7 +244,7 @@ def _mirror(facts):
         (lambda facts: facts.update(w="64"), "w is '64', which is no number"),
         (lambda facts: facts.update(w=63.5), "w and h are 63.5"),
         (lambda facts: facts.update(w=True), "w is True, which is no number"),
-        (lambda facts: facts["frames"][0].update(depth_file_path=None), "no depth_file_path"),
+        (lambda facts: [frame.update(depth_file_path=None) for frame in facts["frames"]], "no frame a depth_file_path"),
         (
             lambda facts: (
                 [frame.update(w=facts["w"] + i) for i, frame in enumerate(facts["frames"])] and facts.pop("w")
@@ -301,7 +305,7 @@ def test_poses_may_be_absent_or_have_gaps_where_they_are_found(tmp_path, caplog)
     truth = tmp_path / "groundtruth.txt"
     lines = truth.read_text().splitlines()
     truth.write_text("\n".join(lines[:3] + lines[4:]) + "\n")
-    sequence, _ = open_sequence(tmp_path, SequenceOptions(floor_m=0.0, needs_poses=False))
+    sequence, _ = open_sequence(tmp_path, SequenceOptions(floor_m=0.0, needs_poses=False, camera=PINHOLE))
     assert len(sequence) == 5
     assert sequence.interpolated == (2,)
     before, between, after = (frame.T_world_camera[:3, 3] for frame in sequence.frames[1:4])
@@ -309,9 +313,9 @@ def test_poses_may_be_absent_or_have_gaps_where_they_are_found(tmp_path, caplog)
     truth.unlink()
     with pytest.raises(RunFolderError, match="give --track"):
         open_sequence(tmp_path)
-    unposed, found = open_sequence(tmp_path, SequenceOptions(needs_poses=False))
+    unposed, found = open_sequence(tmp_path, SequenceOptions(needs_poses=False, camera=(525.0, 525.0, 320.0, 240.0)))
     assert (found, unposed.has_poses, len(unposed)) == ("tum", False, 5)
-    # By TUM's usual camera these small images show what is above only.
+    # By a camera of larger images these small images show what is above only.
     assert "shows nothing below the camera: the floor is taken to be 1 m below" in caplog.text
     assert unposed.frames[0].T_world_camera[2, 3] == 1.0
     assert len({frame.T_world_camera.tobytes() for frame in unposed.frames}) == 1
@@ -358,7 +362,7 @@ def test_frames_without_a_pose_are_counted(tmp_path, caplog, write, poses):
     write(folder)
     path = folder / poses
     path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
-    open_sequence(folder, SequenceOptions(floor_m=0.0))
+    open_sequence(folder, SequenceOptions(floor_m=0.0, camera=PINHOLE))
     assert "left out, because" in caplog.text
 
 

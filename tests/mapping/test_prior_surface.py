@@ -1,4 +1,4 @@
-"""A map that goes on from a prior one: it knows what was there, and notices what is not."""
+"""A map that goes on from a prior run: it knows what was there, and notices what is not."""
 
 import numpy as np
 import pytest

@@ -19,7 +19,7 @@ def points_of(state, field_m):
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31))
-def test_points_kept_up_are_those_of_a_map_read_anew(seed):
+def test_points_kept_up_are_those_of_a_map_read_again(seed):
     rng = np.random.default_rng(seed)
     state, field_m = random_part(rng, (17, 13))
     kept = points_of(state, field_m)
@@ -28,12 +28,12 @@ def test_points_kept_up_are_those_of_a_map_read_anew(seed):
         part = slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
         state[part], field_m[part] = random_part(rng, state[part].shape)
         kept.update(state, field_m, part[0])
-        anew = points_of(state, field_m)
-        assert np.array_equal(kept.surface_cells, anew.surface_cells)
-        assert np.array_equal(kept.frontier_cells, anew.frontier_cells)
+        again = points_of(state, field_m)
+        assert np.array_equal(kept.surface_cells, again.surface_cells)
+        assert np.array_equal(kept.frontier_cells, again.frontier_cells)
 
 
-def test_a_map_that_has_grown_is_read_anew():
+def test_a_map_that_has_grown_is_read_again():
     state, field_m = random_part(np.random.default_rng(0), (6, 5))
     kept = points_of(state, field_m)
     grown = np.pad(state, ((3, 2), (4, 1)), constant_values=UNKNOWN)

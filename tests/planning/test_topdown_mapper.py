@@ -71,7 +71,7 @@ def test_remembered_sdf_stays_in_place_when_the_grid_grows():
         old.origin_m - np.array([2.0, 1.0, 0.0]),
         old.resolution_m,
     )
-    # Far from the wall nothing is asked anew, so what is known of it must have been kept.
+    # Far from the wall nothing is asked again, so what is known of it must have been kept.
     after = topdown_map(mapper, grown, lambda points: np.full(len(points), np.nan, np.float32), Pose2(40.0, 40.0, 0))
     near = after.surface_xy_m[(np.abs(after.surface_xy_m[:, 1] - 1.5) < 0.5) & (after.surface_xy_m[:, 0] > 1.0)]
     assert np.abs(near[:, 0] - 1.12).max() < 0.012
@@ -193,7 +193,7 @@ def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_fro
     assert state_at(topdown, 3.05, 1.55) == FREE
 
 
-def test_the_sdf_is_asked_anew_inside_the_horizon_and_never_of_obstacles():
+def test_the_sdf_is_asked_again_inside_the_horizon_and_never_of_obstacles():
     world, config, asked = room(4, 3, boxes=[(2, 1, 2.5, 1.5)]), PlanningConfig(horizon_m=1.5), []
     mapper, shift_m = TopDownMapper(config, BODY), [0.0]
 

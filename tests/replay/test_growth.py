@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.io.read_run import read_run
-from anm_mj.replay.growth import depth_points, first_seen
+from anm_mj.replay.growth import first_seen
 from anm_mj.replay.surface import growing_mesh, merged
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room
 
@@ -23,14 +23,6 @@ def test_a_wall_appears_when_the_camera_turns_to_it(run_folder):
 def test_what_no_frame_saw_appears_with_its_neighbour(run_folder):
     hidden = np.array([[2.0, 0.2, 1.2], [2.4, 0.2, 1.2]])
     assert first_seen(read_run(run_folder), hidden).tolist() == [0, 0]
-
-
-def test_points_of_a_depth_image_lie_on_the_walls(run_folder):
-    run = read_run(run_folder)
-    points, pixel = depth_points(run.depth_mm(run.frames[5]), run.intrinsics, run.frames[5].T_world_camera)
-    assert len(points) == len(pixel) == 128 * 128
-    to_wall = np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points).min(axis=1)
-    assert np.abs(to_wall).max() < 0.002
 
 
 def test_faces_stand_in_the_order_in_which_they_were_seen(run_folder):

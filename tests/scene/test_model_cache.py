@@ -58,7 +58,7 @@ def test_another_robot_prefix_or_scene_is_another_model(scene, robot, cache):
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:1000], lambda data: data[:500] + b"\xff" + data[501:]])
-def test_a_damaged_file_is_made_anew(scene, robot, cache, monkeypatch, damage):
+def test_a_damaged_file_is_made_again(scene, robot, cache, monkeypatch, damage):
     build_model(scene, robot)
     (path,) = cache.iterdir()
     path.write_bytes(damage(path.read_bytes()))

@@ -19,7 +19,7 @@ from anm_mj.errors import RenderError
 from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.events import Ended
 from anm_mj.types import Pose2, StopReason
-from anm_mj.viz import meshcat_viewer, page_server
+from anm_mj.viz import file_server, meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
@@ -316,7 +316,7 @@ def test_next_free_port_is_taken_and_named(caplog):
 
 
 def test_no_free_port_is_one_sentence(monkeypatch):
-    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
+    monkeypatch.setattr(file_server, "PORTS_TRIED", 1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -29,7 +29,7 @@ from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
-from anm_mj.types import OCCUPIED, Action, FormerRun, Observation, Plan, Pose2, StopReason
+from anm_mj.types import OCCUPIED, Action, ExploredState, Observation, Plan, Pose2, StopReason
 from anm_mj.utils.settings import setting
 
 AHEAD_M = 0.1
@@ -86,9 +86,9 @@ class Oracle:
         """Nothing beside the map."""
         return {}
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Count the surface that an earlier run saw as covered."""
-        del former
+        del prior
         grid = mapper.occupancy_grid()
         self._former_m = (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m + grid.origin_m
 

@@ -9,22 +9,14 @@ from anm_mj.errors import PlanError
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL
 from anm_mj.types import Footprint
-from anm_mj.utils.settings import check_settings
+from anm_mj.utils.settings import Settings
 
 SettingsT = TypeVar("SettingsT")
 
 
 @dataclass(frozen=True)
-class PolicyConfig:
+class PolicyConfig(Settings, group="policy", error=PlanError):
     """Base of the policies' settings, which are the fields of each subclass; it has none itself."""
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What policies need to begin with what a former run explored."""
+"""What policies need to begin with what a prior run explored."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from jaxtyping import Float
 from anm_mj.errors import PlanError
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.protocols import Mapper, Policy
-from anm_mj.types import Action, FormerRun, Observation, Plan, Pose2, StopReason
+from anm_mj.types import Action, ExploredState, Observation, Plan, Pose2, StopReason
 
 KNOWN_PLACE_M = 1.0
-"""The surroundings of a place are known where a former run was within this of it [m]."""
+"""The surroundings of a place are known where a prior run was within this of it [m]."""
 
 
-def is_known_place(former_poses: Float[np.ndarray, "n 3"], observation: Observation) -> bool:
-    """Whether a robot stands where a former run was, so that it need not look around first."""
-    away = np.linalg.norm(former_poses[:, :2] - observation.pose.xy_m, axis=1)
+def is_known_place(prior_poses: Float[np.ndarray, "n 3"], observation: Observation) -> bool:
+    """Whether a robot stands where a prior run was, so that it need not look around first."""
+    away = np.linalg.norm(prior_poses[:, :2] - observation.pose.xy_m, axis=1)
     return bool((away <= KNOWN_PLACE_M).any())
 
 
-def remembered(former: FormerRun, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
+def remembered(prior: ExploredState, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
     """An array of numbers that a policy remembered; None where it did not.
 
     Args:
-        former: the former run.
+        prior: the prior run.
         name: of the array.
         shape: its axes; None = any length.
 
     Raises:
         PlanError: it has another shape.
     """
-    array = former.memory.get(name)
+    array = prior.memory.get(name)
     if array is None:
         return None
     fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
     if not fits or array.dtype.kind not in "fiu" or np.isinf(array).any():
-        raise PlanError(f"The former run remembers {name!r} with shape {array.shape}, not {shape}; explore anew.")
+        raise PlanError(f"The prior run remembers {name!r} with shape {array.shape}, not {shape}; explore again.")
     return array
 
 
@@ -46,19 +46,21 @@ class LookingAround:
     def __init__(self, policy: Policy) -> None:
         """Wrap ``policy``."""
         self._policy = policy
+        self._is_first = True
 
     def observe(self, observation: Observation) -> None:
         """Pass an observation on."""
         self._policy.observe(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The policy's decision; a panorama instead of an end before the first action."""
+        """The policy's decision; a panorama instead of an end where it is the first one."""
         plan = self._policy.plan(mapper, observation)
+        is_first, self._is_first = self._is_first, False
         ends = plan.stop in (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET)
-        if not ends or observation.step > 0:
+        if not ends or not is_first:
             return plan
         turns = FieldOfView.of(observation).turns_for_panorama
-        reason = f"a look around, because the former run left nothing to explore ({plan.reason})"
+        reason = f"a look around, because the prior run left nothing to explore ({plan.reason})"
         return Plan(reason, actions=(Action.TURN_LEFT,) * turns)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from anm_mj.errors import AnmError, PlanError
 from anm_mj.protocols import Continues, Mapper, Policy
-from anm_mj.types import ARRIVED_M, Action, FormerRun, Observation, Plan, Pose2, StopReason
+from anm_mj.types import ARRIVED_M, Action, ExploredState, Observation, Plan, Pose2, StopReason
 
 _logger = logging.getLogger(__name__)
 
@@ -37,12 +37,12 @@ class GuardedPolicy:
             return {}
         return {str(name): value for name, value in found.items() if isinstance(value, np.ndarray)}
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Let the policy take over a former run, if it can; a fault shows at the first decision."""
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Let the policy take over a prior run, if it can; a fault shows at the first decision."""
         if isinstance(self._policy, Continues):
-            self._call("continue_from", None, self._policy.continue_from, former, mapper)
+            self._call("continue_from", None, self._policy.continue_from, prior, mapper)
         else:
-            _logger.info("Policy %s knows the former run through the map alone.", self._name)
+            _logger.info("Policy %s knows the prior run through the map alone.", self._name)
 
     def observe(self, observation: Observation) -> None:
         """Take in an observation; a fault shows at the next decision."""

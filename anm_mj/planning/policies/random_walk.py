@@ -12,7 +12,7 @@ MOVES = (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
 
 
 class RandomWalk:
-    """Draws every action anew; a collision costs a step and changes nothing."""
+    """Draws a new action at every step; a collision costs a step and changes nothing."""
 
     def __init__(self, context: PolicyContext[PolicyConfig]):
         """Take the seed; the policy has no settings and asks for no body."""

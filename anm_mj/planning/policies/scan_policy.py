@@ -8,7 +8,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, FormerRun, Observation, Pose2
+from anm_mj.types import Action, ExploredState, Observation, Pose2
 
 
 class ScanPolicy:
@@ -25,14 +25,14 @@ class ScanPolicy:
         """The grid."""
         return {"log_odds": self.grid.log_odds, "origin_xy_m": self.grid.origin_xy_m}
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Take over the grid of a former run, or what the map says where that was another policy's."""
-        log_odds, origin = remembered(former, "log_odds", (None, None)), remembered(former, "origin_xy_m", (2,))
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Take over the grid of a prior run, or what the map says where that was another policy's."""
+        log_odds, origin = remembered(prior, "log_odds", (None, None)), remembered(prior, "origin_xy_m", (2,))
         if log_odds is not None and origin is not None:
             self.grid.continue_from(log_odds, origin)
         else:
-            self.grid.read_occupancy(mapper.occupancy_grid(), former.poses)
-        for x, y, yaw in former.refused:
+            self.grid.read_occupancy(mapper.occupancy_grid(), prior.poses)
+        for x, y, yaw in prior.collisions:
             self.grid.block_ahead(Pose2(x, y, yaw))
 
     def observe(self, observation: Observation) -> None:

@@ -6,7 +6,7 @@ import functools
 from dataclasses import dataclass, replace
 
 from anm_mj.errors import RobotError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 DEPTH_MODELS = ("exact", "stereo", "tof")
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
@@ -14,7 +14,7 @@ _from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 
 
 @dataclass(frozen=True)
-class SensorConfig:
+class SensorConfig(Settings, group="sensor", error=RobotError):
     """Settings of the camera's depth and colour noise and of the wheel odometry's noise.
 
     ``noise_scale`` multiplies every standard deviation, every systematic error and every probability of a missing pixel
@@ -77,7 +77,7 @@ class SensorConfig:
         Raises:
             RobotError: a choice is unknown, or a number is out of its range.
         """
-        check_settings(self, "sensor", RobotError)
+        super().__post_init__()
         if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):
             raise RobotError(
                 f"sensor.baseline_m is {self.baseline_m:g} and sensor.native_width_px is {self.native_width_px:g}; "

@@ -1,4 +1,4 @@
-"""Policies begin with what a former run explored."""
+"""Policies begin with what a prior run explored."""
 
 from dataclasses import replace
 from unittest.mock import Mock
@@ -15,7 +15,18 @@ from anm_mj.planning.policies.registry import default_settings, make_policy, nee
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.protocols import Continues, Mapper, Policy
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, FormerRun, OccupancyGrid, Plan, Pose2, StopReason
+from anm_mj.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Action,
+    ExploredState,
+    Footprint,
+    OccupancyGrid,
+    Plan,
+    Pose2,
+    StopReason,
+)
 from tests.box_room import observe
 from tests.planning.worlds import topdown_map
 
@@ -49,7 +60,7 @@ def test_what_a_policy_remembers_is_what_it_begins_with(name):
     first.observe(observe(0, Pose2(0.5, 0.5, 0.0)))
     memory = {key: value.copy() for key, value in first.memory().items()}
     second = make_policy(name, PolicyContext(BODY, default_settings(name)))
-    second.continue_from(FormerRun(name, POSES, REFUSED[:0], memory), mapper)
+    second.continue_from(ExploredState(name, POSES, REFUSED[:0], memory), mapper)
     again = second.memory()
     assert set(again) == set(memory)
     for key, value in memory.items():
@@ -57,16 +68,16 @@ def test_what_a_policy_remembers_is_what_it_begins_with(name):
         np.testing.assert_array_equal(np.nan_to_num(again[key]) > 0, np.nan_to_num(value) > 0)
     # Of another policy's run it knows the map.
     third = make_policy(name, PolicyContext(BODY, default_settings(name)))
-    third.continue_from(FormerRun("other", POSES, REFUSED), mapper)
+    third.continue_from(ExploredState("other", POSES, REFUSED), mapper)
 
 
 def test_a_memory_of_another_shape_is_refused():
-    former = FormerRun("own", POSES, REFUSED, {"grid": np.zeros((3, 2)), "words": np.array(["a"])})
-    assert remembered(former, "grid", (None, 2)) is not None
-    assert remembered(former, "nothing", (2,)) is None
+    prior = ExploredState("own", POSES, REFUSED, {"grid": np.zeros((3, 2)), "words": np.array(["a"])})
+    assert remembered(prior, "grid", (None, 2)) is not None
+    assert remembered(prior, "nothing", (2,)) is None
     for name, shape in (("grid", (2,)), ("grid", (None, 3)), ("words", (1,))):
         with pytest.raises(PlanError, match=name):
-            remembered(former, name, shape)
+            remembered(prior, name, shape)
 
 
 def test_a_scan_grid_reads_the_map_of_another_policy():
@@ -133,14 +144,14 @@ class Faulty:
     def memory(self):
         return {"a": np.zeros(2), "b": "no array"}
 
-    def continue_from(self, former, mapper):
+    def continue_from(self, prior, mapper):
         raise KeyError("what")
 
 
 def test_a_policy_that_fails_to_take_over_ends_the_run_with_a_sentence():
     policy = GuardedPolicy(Faulty(), "own")
     assert set(policy.memory()) == {"a"}
-    policy.continue_from(FormerRun("own", POSES, REFUSED), Mock(Mapper))
+    policy.continue_from(ExploredState("own", POSES, REFUSED), Mock(Mapper))
     plan = policy.plan(Mock(Mapper), observe(0, Pose2(1.0, 1.0, 0.0)))
     assert plan.stop is StopReason.POLICY_ERROR
     assert "continue_from" in plan.reason

@@ -30,6 +30,6 @@ class AnmConfig(PolicyConfig):
     arrived_m: float = 0.8
     """The robot has reached a target when it is this near to it [m]."""
     max_steps: int = 100
-    """The policy decides anew after this many steps."""
+    """The policy decides again after this many steps."""
     full_rotation_turns: int = 36
     """Turns of the rotation when no target can be reached, of 10 degrees each."""

@@ -44,7 +44,7 @@ EVERYWHERE_M = 1e4
 
 
 class Anm(ScanPolicy):
-    """Drives to the target of highest variance, then chooses anew."""
+    """Drives to the target of highest variance, then chooses again."""
 
     Config = AnmConfig
 

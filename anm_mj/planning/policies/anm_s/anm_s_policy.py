@@ -58,7 +58,7 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     Action,
     Candidate,
-    FormerRun,
+    ExploredState,
     Observation,
     Plan,
     Pose2,
@@ -91,23 +91,23 @@ class AnmS:
         self._well_in_view_rad = math.radians(self.config.well_in_view_deg)
         self._bootstrapped = False
         self._rotated = False
-        self._former = np.zeros((0, 3))
-        """Poses of former runs."""
+        self._prior = np.zeros((0, 3))
+        """Poses of prior runs."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """Regions that were seen as well as can be, and targets that led into obstacles or were dropped."""
         return {"observed": self.stages.region_finder.observed, **self.targets.memory()}
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Take over where a former run was, and what it gave up."""
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Take over where a prior run was, and what it gave up."""
         del mapper
-        self.stages.continue_from(former)
-        self._former = former.poses
-        observed = remembered(former, "observed", (None, 3))
+        self.stages.continue_from(prior)
+        self._prior = prior.poses
+        observed = remembered(prior, "observed", (None, 3))
         if observed is not None:
             self.stages.region_finder.continue_from(observed.astype(np.int64))
         self.targets.continue_from(
-            *(remembered(former, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")),
+            *(remembered(prior, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")),
         )
 
     def observe(self, observation: Observation) -> None:
@@ -126,7 +126,7 @@ class AnmS:
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the best vertex by tier and distance."""
         is_first, self._bootstrapped = not self._bootstrapped, True
-        if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
+        if is_first and self.config.bootstrap_turns and not is_known_place(self._prior, observation):
             turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
             return Plan("bootstrap: a full rotation before the first decision", actions=turns)
         now = self.stages.read(mapper, observation)

@@ -91,7 +91,7 @@ class RegionFinder:
         return np.array(sorted(self._observed), np.int64).reshape(-1, 3)
 
     def continue_from(self, observed: Int[np.ndarray, "n 3"]) -> None:
-        """Suppress what a former run suppressed."""
+        """Suppress what a prior run suppressed."""
         self._observed = {tuple(cube) for cube in observed.tolist()}
 
     def regions(

@@ -1,4 +1,4 @@
-"""The present target, and the former ones that led into an obstacle or were dropped on the way."""
+"""The present target, and earlier ones that led into an obstacle or were dropped on the way."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Targets:
         }
 
     def continue_from(self, failed_xy_m: np.ndarray | None, dropped_xy_m: np.ndarray | None) -> None:
-        """Remember the failed and the dropped targets of a former run [m]; None = of another policy's run."""
+        """Remember the failed and the dropped targets of a prior run [m]; None = of another policy's run."""
         self._failed_xy_m = list([] if failed_xy_m is None else failed_xy_m.astype(float))
         self._dropped_xy_m = list([] if dropped_xy_m is None else dropped_xy_m.astype(float))
 

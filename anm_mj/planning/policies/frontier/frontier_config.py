@@ -17,7 +17,7 @@ class FrontierConfig(PolicyConfig):
     min_distance_m: float = setting(1.0, at_least=0.0)
     """Frontiers nearer than this come after all others [m]."""
     replan_steps: int = 10
-    """The policy decides anew after this many steps."""
+    """The policy decides again after this many steps."""
     max_gap_m: float = 0.75
     """A frontier is out of reach when every place the robot can get to is farther from it than this [m]."""
     given_up_m: float = 0.3

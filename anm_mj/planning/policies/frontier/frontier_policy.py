@@ -8,7 +8,7 @@ second registered name of this policy uses the camera's full range.
 Deviations:
 
 - The robot keeps its frontier until it has looked at it or the frontier is gone, as Yamauchi's does. The published code
-  chooses anew every 10 steps of 25 cm. With steps of 6.5 cm the robot would turn back and forth between two frontiers
+  chooses again every 10 steps of 25 cm. With steps of 6.5 cm the robot would turn back and forth between two frontiers
   for ever, because the nearer one stops counting a metre before it.
 - Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator.
 - The robot gives a frontier up when it looked at it and it stays, when no path comes near (Yamauchi's list of
@@ -44,7 +44,7 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     UNKNOWN,
     Candidate,
-    FormerRun,
+    ExploredState,
     Observation,
     Plan,
     Pose2,
@@ -96,10 +96,10 @@ class Frontier(ScanPolicy):
         """The grid, and the frontiers that were given up."""
         return {**super().memory(), "given_up_xy_m": self._given_up_xy_m}
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Take over the grid of a former run, and the frontiers that it gave up."""
-        super().continue_from(former, mapper)
-        given_up = remembered(former, "given_up_xy_m", (None, 2))
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Take over the grid of a prior run, and the frontiers that it gave up."""
+        super().continue_from(prior, mapper)
+        given_up = remembered(prior, "given_up_xy_m", (None, 2))
         if given_up is not None:
             self._given_up_xy_m = given_up.astype(float)
 

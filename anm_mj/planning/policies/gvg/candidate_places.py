@@ -72,7 +72,7 @@ class CandidatePlaces:
 def candidate_places(state: PlanningState, gain: InformationGain, config: GvgConfig) -> CandidatePlaces:
     """The places that can be reached now.
 
-    Gains come from the cache. Before no place is left with gain worth a step, all gains are computed anew: the cache
+    Gains come from the cache. Before no place is left with gain worth a step, all gains are recomputed: the cache
     may hold an old one for a place nearby.
     """
     reachable = np.isfinite(state.paths.distance_m)

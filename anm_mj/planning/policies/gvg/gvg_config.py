@@ -71,13 +71,13 @@ class GvgConfig(PolicyConfig):
     stagnation_gain_m2: float = 2.5
     """While the run stagnates, a tour needs this much expected new surface [m2]."""
     improvement_radius_m: float = 6.0
-    """Expected errors of the surface are computed anew within this distance of the robot and remembered beyond [m]."""
+    """Expected errors of the surface are recomputed within this distance of the robot and remembered beyond [m]."""
     improvement_steps: int = 24
-    """While the robot keeps a target, expected errors are computed anew after this many steps."""
+    """While the robot keeps a target, expected errors are recomputed after this many steps."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8
-    """The policy decides anew after this many steps."""
+    """The policy decides again after this many steps."""
     replan_gain_m2: float = 1.0
     """While less new surface than this was seen since the last full decision, the plan is reused [m2]."""
     replan_gain_share: float = 0.3

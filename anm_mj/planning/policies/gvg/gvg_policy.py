@@ -47,7 +47,7 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     Action,
     Candidate,
-    FormerRun,
+    ExploredState,
     Observation,
     Plan,
     Pose2,
@@ -74,11 +74,15 @@ class Gvg:
         self._bootstrapped = False
         self._goal = context.goal
         self._improving = False
+        self._heard_step = -1
+        """Step of the last observation that the map has learnt from."""
+        self._is_estimated = False
+        """Whether poses come with an uncertainty."""
         self._errors_read_step = 0
-        self._former = np.zeros((0, 3))
-        """Poses of former runs."""
+        self._prior = np.zeros((0, 3))
+        """Poses of prior runs."""
         self._tried: Float[np.ndarray, "n 4"] | None = None
-        """What the views of a former run left unknown, as :attr:`InformationGain.tried`; None where it does not say."""
+        """What the views of a prior run left unknown, as :attr:`InformationGain.tried`; None where it does not say."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """What views left unknown and failed targets suppressed, and how little the last steps and targets brought."""
@@ -90,13 +94,13 @@ class Gvg:
             "num_poor": np.array(self._tracker.num_poor),
         }
 
-    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Expect nothing of views that a former run had already, and go on where it lost its patience."""
+    def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
+        """Expect nothing of views that a prior run had already, and go on where it lost its patience."""
         del mapper
-        self._stages.continue_from(former)
-        self._former = former.poses
-        self._tried = remembered(former, "tried", (None, 4))
-        window, num_poor = remembered(former, "window", (None, 2)), remembered(former, "num_poor", ())
+        self._stages.continue_from(prior)
+        self._prior = prior.poses
+        self._tried = remembered(prior, "tried", (None, 4))
+        window, num_poor = remembered(prior, "window", (None, 2)), remembered(prior, "num_poor", ())
         if window is not None:
             self._stagnation.continue_from(window)
         if num_poor is not None:
@@ -106,13 +110,15 @@ class Gvg:
         """Note where the robot is, and where its camera measured nothing."""
         self._stages.observe(observation)
         self._unmeasured.add(observation)
+        self._heard_step = observation.step
+        self._is_estimated |= observation.position_deviation_m > 0.0
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the way to the first view of the best tour."""
         if self._goal == "reconstruction" and self._can_improve(mapper):
             self._improving = True
         is_first, self._bootstrapped = not self._bootstrapped, True
-        if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
+        if is_first and self.config.bootstrap_turns and not is_known_place(self._prior, observation):
             num_turns = self.config.bootstrap_turns
             if num_turns == AS_MANY_AS_NEEDED:
                 num_turns = FieldOfView.of(observation).turns_for_panorama
@@ -158,9 +164,10 @@ class Gvg:
             self._gain.take_tried(self._tried.astype(float))
             self._tried = None
         elif is_first:
-            for x, y, yaw in self._former:
+            for x, y, yaw in self._prior:
                 self._gain.suppress_view(Pose2(x, y, yaw))
-        self._gain.suppress_view(observation.pose)
+        if observation.step == self._heard_step:
+            self._gain.suppress_view(observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
@@ -237,7 +244,8 @@ class Gvg:
         self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain
     ) -> tuple[Places, list[Tour]]:
         """The best tours, best first, and the places that their views refer to."""
-        costs = TravelCosts(state.paths)
+        costs, shared = TravelCosts(state.paths), self._stages.config
+        weighs_certainty = shared.uncertainty_aware and shared.unbound_step_cost > 0.0 and self._is_estimated
         heading, limits = (
             sector_of(state.pose.yaw_rad),
             {"depth": self.config.tour_depth, "width": self.config.tour_width},
@@ -249,7 +257,9 @@ class Gvg:
             places = Places(candidates.xy_m[short], candidates.vertex[short], *gain.ray_gains(candidates.xy_m[short]))
             is_target = [self._target is not None and self._target.is_near(xy) for xy in places.xy_m]
             preference = np.where(is_target, self.config.hysteresis, 1.0)
-            table = TransitionTable(places, costs, gain.view_side)
+            unbound = gain.unbound_shares(places.xy_m, shared.bound_share) if weighs_certainty else None
+            more = None if unbound is None else shared.unbound_step_cost * unbound
+            table = TransitionTable(places, costs, gain.view_side, more)
             tours = best_tours(table, heading, discount_steps=discount_steps, preference=preference, **limits)
             return places, tours, float(preference[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
 

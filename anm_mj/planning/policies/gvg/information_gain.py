@@ -25,6 +25,7 @@ from jaxtyping import Float, Float32, Int
 from anm_mj import _native
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window
+from anm_mj.planning.policies.gvg.binding import unbound_shares
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
@@ -149,7 +150,7 @@ class InformationGain:
     ) -> Float[np.ndarray, "n azimuths"]:
         """Expected new surface in each azimuth sector of places [m2], for their squares from the cache where possible.
 
-        With ``fresh``, all gains are computed anew, at exactly these places.
+        With ``fresh``, all gains are recomputed, at exactly these places.
         """
         if self._changed is not None:
             low, high = self._changed
@@ -176,6 +177,14 @@ class InformationGain:
         """
         rays = self._rays.cast(places_xy_m)
         return self._patches(rays), self._ray_gains(rays)
+
+    def unbound_shares(
+        self, places_xy_m: Float[np.ndarray, "n 2"], bound_share: float
+    ) -> Float[np.ndarray, "n azimuths"]:
+        """How little the view from each place along each sector binds the position; see :mod:`~.binding`."""
+        rays = self._rays.cast(places_xy_m)
+        distance_m = self._rays.distance_m[rays.sample]
+        return unbound_shares(rays, distance_m, self.occupancy, side=self.view_side, bound_share=bound_share)
 
     def expected_view(self, viewpoint: Viewpoint) -> ExpectedView:
         """What the view from a viewpoint is expected to show."""

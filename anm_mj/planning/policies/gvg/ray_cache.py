@@ -101,7 +101,7 @@ class RayCache:
         return rows
 
     def _follow_layout(self) -> None:
-        """Clear the cache and compute the offsets anew when the occupancy's array has grown."""
+        """Clear the cache and recompute the offsets when the occupancy's array has grown."""
         if self._layout == self._occupancy.epoch:
             return
         self._layout = self._occupancy.epoch

@@ -27,7 +27,7 @@ class StagnationDetector:
         return kept[max(0, first) :]
 
     def continue_from(self, window: Float[np.ndarray, "n 2"]) -> None:
-        """Go on from the end of a former run, which was at :attr:`window`."""
+        """Go on from the end of a prior run, which was at :attr:`window`."""
         order = np.argsort(window[:, 0], kind="stable")
         self._step = np.minimum(window[order, 0], 0.0).astype(np.int64).tolist()
         self._seen_m2 = window[order, 1].tolist()

@@ -36,8 +36,22 @@ class Places:
 class TransitionTable:
     """Steps, headings and gains of the transitions between some places."""
 
-    def __init__(self, places: Places, costs: TravelCosts, view_side: int) -> None:
-        """Compute the costs of all pairs of places; a view covers ``view_side`` sectors beside its middle one."""
+    def __init__(
+        self,
+        places: Places,
+        costs: TravelCosts,
+        view_side: int,
+        more_steps: Float[np.ndarray, "k azimuths"] | None = None,
+    ) -> None:
+        """Compute the costs of all pairs of places.
+
+        Args:
+            places: the places.
+            costs: paths between them.
+            view_side: a view covers so many sectors beside its middle one.
+            more_steps: what a step or turn costs beside itself while the camera looks along each sector at each place
+                [steps]; None = nothing.
+        """
         self._view_side = view_side
         self._swept = np.arange(-HALF_TURN - view_side, HALF_TURN + view_side + 1)
         """Azimuth sectors that turns can sweep over, relative to the first heading."""
@@ -51,6 +65,13 @@ class TransitionTable:
         self._patch = patch.reshape(self.num_places, NUM_AZIMUTHS, -1)
         self._gain_m2 = places.gain_m2.reshape(self._patch.shape)
         self._steps, self._leave, self._arrive = costs.between(places.xy_m, places.vertex)
+        if more_steps is None:
+            more_steps = np.zeros((self.num_places, NUM_AZIMUTHS))
+        self._turn_steps = _turn_steps(more_steps)
+        each = np.arange(self.num_places)
+        # A path is taken for half of what its ends are.
+        more = more_steps[each[:, None], self._leave] + more_steps[each, self._arrive]
+        self._steps = self._steps * (1.0 + 0.5 * more)
 
     def expand(
         self, place: Int[np.ndarray, " b"], heading: Int[np.ndarray, " b"], covered: Bool[np.ndarray, "b patches"]
@@ -75,7 +96,9 @@ class TransitionTable:
         arrival = self._arrive[place]
         arrival[each, place] = heading
         sweep_there = self._sweep_gains(sector_gain, arrival)
-        steps = self._steps[place][:, :, None] + np.abs(turn_away)[:, :, None] + np.abs(TURNS)
+        steps_away = self._turn_steps[place[:, None], heading[:, None], turn_away]
+        steps_there = self._turn_steps[np.arange(self.num_places), arrival]
+        steps = self._steps[place][:, :, None] + steps_away[:, :, None] + steps_there
         gain = leaving[:, :, None] + sweep_there
         gain[each, place] -= sweep_there[each, place, :1]
         return arrival, steps, gain
@@ -117,3 +140,13 @@ class TransitionTable:
         to_left = np.cumsum(rolled[..., HALF_TURN + width :], axis=-1)
         to_right = np.cumsum(rolled[..., HALF_TURN - 1 :: -1], axis=-1)
         return np.concatenate([middle, middle + to_left, (middle + to_right)[..., ::-1]], axis=-1)
+
+
+def _turn_steps(more_steps: Float[np.ndarray, "k azimuths"]) -> Float[np.ndarray, "k azimuths turns"]:
+    """Steps of each of ``TURNS`` from each sector at each place."""
+    start = np.arange(NUM_AZIMUTHS)[:, None]
+    away = np.arange(1, HALF_TURN + 1)
+    to_left, to_right = (
+        np.cumsum(1.0 + more_steps[:, (start + side * away) % NUM_AZIMUTHS], axis=2) for side in (1, -1)
+    )
+    return np.concatenate([np.zeros((*more_steps.shape, 1)), to_left, to_right[:, :, ::-1]], axis=2)

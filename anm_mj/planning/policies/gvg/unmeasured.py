@@ -1,7 +1,7 @@
 """Directions in which the camera measured nothing, and the unknown cells that it looked into there.
 
 A camera that cannot tell a lost pixel from one that looked too far leaves the sky over an open building, dark surface
-and whatever lies beyond its range unknown for ever. Rays to such cells would expect surface at every place anew. They
+and whatever lies beyond its range unknown for ever. Rays to such cells would expect surface at every new place. They
 were looked at, though: that the camera measured nothing there is all that such a view has to tell.
 """
 

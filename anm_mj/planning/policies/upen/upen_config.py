@@ -22,7 +22,7 @@ class UpenConfig(PolicyConfig):
     num_hops: int = setting(10, at_most=1000)
     """Edges of the paths that are compared."""
     replan_steps: int = round(10 * 0.25 / FORWARD_STEP_M)
-    """The policy decides anew after this many steps: the length of ten of the original's steps of 25 cm, which is about
-    the length of a path. After ten steps of 6.5 cm the robot would turn to one path after the other and follow none."""
+    """The policy decides again after this many steps: ten of the original's steps of 25 cm, which is about the length
+    of a path. After ten steps of 6.5 cm the robot would turn to one path after the other and follow none."""
     max_occupied_probability: float = setting(0.5, at_most=1.0)
     """Paths avoid unknown cells whose mean predicted probability of an obstacle is higher."""

@@ -2,14 +2,14 @@
 
 Four networks (:mod:`anm_mj.planning.policies.upen.occupancy_net`) predict the map in a square of 8 m around the robot
 from a planar grid of the policy's own. A random tree grows over the ground that they predict to be free. Among its
-paths of ten hops the robot takes the one along which the networks disagree most about what is occupied. It chooses anew
-after 10 steps of 25 cm or at the end of the path.
+paths of ten hops the robot takes the one along which the networks disagree most about what is occupied. It chooses
+again after 10 steps of 25 cm or at the end of the path.
 
 Deviations:
 
 - The networks are smaller, and they are trained on floor plans of this project's generator (``scripts/train_upen.py``),
   not on Matterport3D.
-- Every decision predicts anew instead of fusing predictions into a map.
+- Every decision predicts from scratch instead of fusing predictions into a map.
 - The tree is a plain one; the original rewires it.
 - The robot follows paths on the grid instead of a learned point navigator.
 """

@@ -35,10 +35,10 @@ def test_path_across_a_room_is_no_stagnation():
 
 
 def test_a_continued_run_goes_on_in_the_window():
-    former = detector((0, 90.0), (890, 99.99), (995, 100.0), (1000, 100.0))
-    assert former.is_stagnating()
+    prior = detector((0, 90.0), (890, 99.99), (995, 100.0), (1000, 100.0))
+    assert prior.is_stagnating()
     next_ = StagnationDetector(CONFIG)
-    next_.continue_from(former.window)
+    next_.continue_from(prior.window)
     next_.update(0, 100.0)
     assert next_.is_stagnating()
     next_.update(20, 103.0)

@@ -1,0 +1,57 @@
+"""Reads the lists and tables beside the images of a sequence, as programs and editors write them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.utils.read_file import read_text
+
+_NUMBER = re.compile(r"(\d+)")
+
+
+def rows(path: Path) -> Iterator[str]:
+    """Lines of a text file that say something: neither empty nor a comment, without a byte order mark.
+
+    Raises:
+        OSError, ValueError: the file cannot be read.
+    """
+    for line in read_text(path).removeprefix("\ufeff").splitlines():
+        if (said := line.strip()) and not said.startswith("#"):
+            yield said
+
+
+def number_rows(path: Path) -> Float[np.ndarray, "n columns"]:
+    """The rows of a table of numbers between blanks or commas; a first line of words is its header.
+
+    Raises:
+        OSError, ValueError: the file cannot be read, holds something else, or its rows differ in length.
+    """
+    lines = [line.replace(",", " ").replace(";", " ").split() for line in rows(path)]
+    if lines and not any(_is_number(word) for word in lines[0]):
+        del lines[0]
+    if len({len(line) for line in lines}) > 1:
+        raise ValueError(f"the lines of {path.name} hold different counts of numbers")
+    return np.array([[float(word) for word in line] for line in lines]).reshape(len(lines), -1 if lines else 0)
+
+
+def in_number_order(name: str) -> list[str | int]:
+    """Key that sorts ``frame2`` before ``frame10``."""
+    return [int(part) if part.isdigit() else part for part in _NUMBER.split(name)]
+
+
+def with_slashes(name: str) -> str:
+    """A name of a file whose folders may be separated as Windows does."""
+    return name.replace("\\", "/")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

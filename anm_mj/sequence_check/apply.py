@@ -1,0 +1,73 @@
+"""Puts a recorded sequence right."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import replace
+
+import numpy as np
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.sequence_check.correction import Correction, at_times, converted, corrected_camera, with_axes
+
+
+def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
+    """The sequence with a correction applied; its up axis is the reader's affair.
+
+    Args:
+        sequence: As its files state it.
+        correction: What is put right. Poses of another time are interpolated between those of the frames; frames
+            before the first pose or after the last one are left out. A colour image is taken from the frame whose time
+            comes nearest.
+
+    Raises:
+        RunFolderError: No frame is left.
+    """
+    if not correction:
+        return sequence
+    frames = sequence.frames
+    times = np.array([frame.time_s for frame in frames])
+    poses = with_axes(
+        converted(np.array([frame.T_world_camera for frame in frames]), correction.convention), correction.axes
+    )
+    kept = np.arange(len(frames))
+    if correction.time_offset_s:
+        wanted = times + correction.time_offset_s
+        kept = np.flatnonzero((wanted >= times.min()) & (wanted <= times.max()))
+        poses = at_times(poses, times, wanted)
+    colours = _colours(times, correction.colour_offset_s)
+    kept = kept[colours[kept] >= 0]
+    if not len(kept):
+        raise RunFolderError(
+            f"No frame of {sequence.path} has colour and pose with time offsets of {correction.time_offset_s:g} s "
+            f"for poses and {correction.colour_offset_s:g} s for colour; give smaller ones."
+        )
+    poses[:, :3, 3] *= correction.pose_scale
+    new = tuple(Frame(frames[k].time_s, frames[colours[k]].colour, frames[k].depth, poses[k]) for k in kept.tolist())
+    return replace(
+        sequence,
+        frames=new,
+        intrinsics=corrected_camera(sequence.intrinsics, correction),
+        depth_scale=sequence.depth_scale * correction.depth_scale,
+        ray_depth=sequence.ray_depth != correction.ray_depth,
+        mirrored=sequence.mirrored != correction.mirrored,
+        interpolated=tuple(at for at, k in enumerate(kept.tolist()) if k in set(sequence.interpolated)),
+    )
+
+
+def _colours(times: np.ndarray, offset_s: float) -> np.ndarray:
+    """Of each frame, the one whose colour image belongs to its depth; -1 where there is none."""
+    indices = np.arange(len(times))
+    if not offset_s:
+        return indices
+    order = np.argsort(times, kind="stable")
+    taken = (times[order] + offset_s).tolist()
+    half = 0.5 * float(np.median(np.diff(times[order]))) if len(times) > 1 else 0.0
+    found = np.full(len(times), -1)
+    for k, time in enumerate(times.tolist()):
+        after = bisect_left(taken, time)
+        near = min((at for at in (after - 1, after) if 0 <= at < len(taken)), key=lambda at: abs(taken[at] - time))
+        if abs(taken[near] - time) <= half * 1.01:
+            found[k] = order[near]
+    return found

@@ -1,0 +1,187 @@
+"""Says whether a recorded sequence fits together, and if not, what would make it fit.
+
+Depth of frame pairs is carried from one camera into the other (:mod:`.misfit`). Where a correction makes the pairs fit
+much better, in many of them and in hardly any worse, it is a finding; the best one is taken first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.sequence_check.correction import Correction
+from anm_mj.sequence_check.judge import Evidence, Judge
+from anm_mj.sequence_check.misfit import COLOUR_WEIGHT, Misfit
+from anm_mj.sequence_check.search import Candidate, candidates, colour_candidate, has_clock
+from anm_mj.sequence_check.vertical import floor_share, other_up
+
+UNITS_M = (1.0 / 1000, 1.0 / 5000, 1.0 / 6553.5, 1.0 / 10000, 1.0 / 4000, 1.0 / 256, 1.0 / 100, 1.0)
+"""Units of depth images in use: millimetres, TUM, Replica, D405, L515, KITTI, centimetres, metres."""
+_UNIT_SHARE = 0.035
+"""A factor that leads so near to one of them is one of depth, else one of the poses."""
+_LEAST_GAIN = {"scale": 0.006, "focal": 0.006, "time": 0.006, "colour": 0.004}
+"""A correction of these kinds lowers the mean cost by this much at least."""
+_DISCRETE_GAIN = 0.03
+_LEAST_SHARE = 0.03
+"""And by this share of it."""
+_FELT = 0.012
+"""A pair feels a correction that changes its cost by more."""
+_FEWEST_PAIRS = 3
+"""So many pairs have to feel it."""
+_AGREED, _AGREED_IF_LARGE = 0.8, 0.6
+"""And so large a share of what they feel has to be for the better; the second where the gain is large."""
+_LARGE = 2.5
+"""A gain is large from so many times the least one on."""
+_ROUNDS = (1.0, 2.5)
+"""So many faults are looked for, one after the other; each has to gain so many times as much as a single one."""
+_CONTRADICTS = 0.5
+"""Where fewer of the points fit, the sequence contradicts itself, whatever the reason."""
+_TOLD = 0.03
+"""Pairs that share fewer of their points tell nothing."""
+_DISTANCES = 3
+"""Residuals are told apart by so many ranges of distance."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well frame pairs fit."""
+
+    pairs: int
+    coverage: float
+    """Mean share of a frame's points that its neighbours show."""
+    fitting: float
+    """Median share of those that lie on the surface which the neighbour shows, as far as noise explains."""
+    residual: float
+    """Median distance from it as a share of depth."""
+    spread: float
+    """Half the distance between the quartiles of the pairs' medians."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault of the sequence."""
+
+    kind: str
+    """``poses``, ``axes``, ``mirrored``, ``ray``, ``scale``, ``unit``, ``focal``, ``time``, ``colour`` or ``up``, or
+    two of them."""
+    correction: Correction
+    """That puts it right, together with those before it."""
+    before: float
+    """Share of fitting points without it."""
+    after: float
+    """And with it."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the check found."""
+
+    stated: Fit
+    """As the files have it."""
+    corrected: Fit
+    """With all findings put right; the same without any."""
+    findings: tuple[Finding, ...]
+    correction: Correction
+    """Of all findings together."""
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether depth and poses contradict each other, with all that was found put right."""
+        return self.corrected.fitting < _CONTRADICTS
+
+
+def check(
+    evidence: Evidence, *, depth_unit_m: float, up: str | None = None, start: Correction | None = None
+) -> Verdict:
+    """Judge a sequence by the frames that were read of it.
+
+    Args:
+        evidence: The frames.
+        depth_unit_m: Metres per unit of its depth images, as stated.
+        up: The axis that is taken to point up; None = that is no question.
+        start: What is corrected already; the verdict's correction includes it.
+    """
+    judge = Judge(evidence)
+    correction, findings = start or Correction(), []
+    first = misfit = judge.misfit(correction)
+    for strictness in _ROUNDS:
+        best = _best_finding(judge, correction, misfit, strictness)
+        if best is None:
+            break
+        after = judge.misfit(best.correction)
+        kind, correction = _named(best, depth_unit_m)
+        findings.append(Finding(kind, correction, fit_of(misfit).fitting, fit_of(after).fitting))
+        misfit = after
+
+    def share(direction: Float64[np.ndarray, "3"]) -> float:
+        return floor_share(judge.shown(correction), judge.view_poses(correction), direction)
+
+    axis = None if up is None else other_up(judge.all_poses(correction), up, share)
+    if axis is not None:
+        correction = replace(correction, up=axis)
+        fitting = fit_of(misfit).fitting
+        findings.append(Finding("up", correction, fitting, fitting))
+    return Verdict(fit_of(first), fit_of(misfit), tuple(findings), correction)
+
+
+def fit_of(misfit: Misfit) -> Fit:
+    """The figures of some pairs."""
+    told = np.isfinite(misfit.residual) & (misfit.inside > _TOLD)
+    if not told.any():
+        return Fit(0, 0.0, 0.0, np.nan, np.nan)
+    low, middle, high = np.percentile(misfit.residual[told], (25, 50, 75))
+    return Fit(
+        int(told.sum()) // 2,
+        float(np.mean(misfit.inside)),
+        float(np.median(misfit.fits[told])),
+        float(middle),
+        float(high - low) / 2.0,
+    )
+
+
+def _best_finding(judge: Judge, start: Correction, misfit: Misfit, strictness: float) -> Candidate | None:
+    """The correction that explains most, if any explains enough."""
+    before = misfit.cost
+    found = [(one, _gain(one, before)) for one in candidates(judge, start)]
+    if has_clock(judge) and start.colour_offset_s == 0.0:
+        colour = colour_candidate(judge, start)
+        share = COLOUR_WEIGHT / (1.0 + COLOUR_WEIGHT)
+        found.append((colour, _gain(colour, judge.colour_cost(start)) * share))
+    base = float(np.nanmean(before))
+    enough = [(one, gain) for one, gain in found if _is_enough(one.kind, gain, base, strictness)]
+    return max(enough, key=lambda pair: float(np.nanmean(pair[1])), default=(None, None))[0]
+
+
+def _gain(candidate: Candidate, before: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, " p"]:
+    """What the cost of each pair goes down by, both ways round together."""
+    gain = (before - candidate.cost).reshape(-1, 2)
+    known = np.isfinite(gain)
+    return np.where(known, gain, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+
+
+def _is_enough(kind: str, gain: Float64[np.ndarray, " p"], base: float, strictness: float) -> bool:
+    mean = float(np.mean(gain))
+    least = strictness * max(_LEAST_GAIN.get(kind, _DISCRETE_GAIN), _LEAST_SHARE * base)
+    if mean < least:
+        return False
+    agreed = _AGREED_IF_LARGE if mean > _LARGE * least else _AGREED
+    scale = COLOUR_WEIGHT / (1.0 + COLOUR_WEIGHT) if kind == "colour" else 1.0
+    felt = np.abs(gain) > _FELT * scale
+    total = float(np.abs(gain[felt]).sum())
+    better = int((gain > _FELT * scale).sum())
+    return better >= _FEWEST_PAIRS and float(gain[felt].sum()) > (2.0 * agreed - 1.0) * total
+
+
+def _named(found: Candidate, depth_unit_m: float) -> tuple[str, Correction]:
+    """The kind, where a factor of the poses is told from one of the depth; pairs of frames cannot tell them apart."""
+    correction = found.correction
+    if found.kind != "scale":
+        return found.kind, correction
+    factor = correction.pose_scale
+    unit_m = depth_unit_m / factor
+    nearest = min(UNITS_M, key=lambda unit: abs(np.log(unit / unit_m)))
+    if abs(np.log(factor)) > 0.15 and abs(np.log(nearest / unit_m)) < _UNIT_SHARE:
+        return "unit", replace(correction, pose_scale=1.0, depth_scale=correction.depth_scale * nearest / depth_unit_m)
+    return "scale", correction

@@ -1,0 +1,46 @@
+"""Reads the frames that the check compares."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from anm_mj.errors import AnmError
+from anm_mj.io.sequence import Sequence
+from anm_mj.sequence_check.judge import Evidence
+from anm_mj.sequence_check.pairs import compared_frames
+from anm_mj.sequence_check.views import reduced_camera, reduced_view
+
+_FEWEST_POINTS = 30
+"""A view with fewer pixels of depth tells nothing."""
+
+
+def gather(sequence: Sequence) -> Evidence | None:
+    """What some frames of a sequence show; None where fewer than three can be read.
+
+    A frame that cannot be read is left out; mapping will say so.
+    """
+    poses = np.array([frame.T_world_camera for frame in sequence.frames], np.float64)
+    times = np.array([frame.time_s for frame in sequence.frames])
+    frames, pairs = compared_frames(poses, times)
+    views, camera, place = [], None, {}
+    for at, frame in enumerate(frames):
+        try:
+            observation = next(replace(sequence, frames=(sequence.frames[frame],)).observations())
+        except AnmError:
+            continue
+        if camera is not None and observation.intrinsics != camera:
+            continue
+        view = reduced_view(frame, observation)
+        if np.isfinite(view.inverse_m).sum() < _FEWEST_POINTS:
+            continue
+        camera = observation.intrinsics
+        place[at] = len(views)
+        views.append(view)
+    if camera is None or len(views) < 3:
+        return None
+    kept = np.array([(place[a], place[b]) for a, b in pairs.tolist() if a in place and b in place], np.int64)
+    if not len(kept):
+        return None
+    return Evidence(poses, times, tuple(views), reduced_camera(camera), kept)
