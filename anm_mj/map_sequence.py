@@ -26,7 +26,8 @@ from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.io.sequence import Sequence, camera_line, ranges_text
+from anm_mj.io.sequence import Sequence, ranges_text
+from anm_mj.io.sequence_poses import camera_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
@@ -221,7 +222,7 @@ def _finish(
             state.regions,
             log.poses,
             target_xy_m=log.last_target_xy_m,
-            title=f"{Path(config.scene).resolve().name}, {len(log.poses)} recorded frames",
+            title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
         )
 
 

@@ -12,7 +12,7 @@ import tyro
 from anm_mj.config import make_config
 from anm_mj.events import Observed
 from anm_mj.explore import explore
-from anm_mj.io.sequence import SequenceWriter
+from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy

@@ -9,7 +9,7 @@ import trimesh
 
 from anm_mj.cli.main import main
 from anm_mj.io.jsonl import read_jsonl
-from anm_mj.io.sequence import SequenceWriter
+from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
 

@@ -12,7 +12,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.trajectory_error import TrajectoryError, trajectory_error
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.io.sequence import base_pose
+from anm_mj.io.sequence_poses import base_pose
 from anm_mj.utils.read_file import read_table
 
 _FEWEST = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from anm_mj.io.read_run import Run
-from anm_mj.io.sequence import camera_line
+from anm_mj.io.sequence_poses import camera_line
 from anm_mj.io.write import writing
 from anm_mj.utils.read_file import read_text
 

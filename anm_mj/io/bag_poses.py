@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.frames import rigid_transform
 from anm_mj.io.camera_checks import FARTHEST_M
-from anm_mj.io.sequence import tum_matrix
+from anm_mj.io.sequence_poses import tum_matrix
 
 GAP_S = 0.5
 """Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s]."""

@@ -9,15 +9,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.image import read_image
-from anm_mj.io.sequence import (
-    FRAME_S,
-    Frame,
-    Sequence,
-    from_pixel_centres,
-    require_below,
-    require_count,
-    say_left_out,
-)
+from anm_mj.io.sequence import FRAME_S, Frame, Sequence, from_pixel_centres, require_below, require_count, say_left_out
 from anm_mj.io.sequence_text import in_number_order, number_rows
 
 _UNIT_M = 0.001

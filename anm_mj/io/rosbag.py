@@ -24,7 +24,8 @@ from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_poses import FrameTree, Track
 from anm_mj.io.bag_reader import BagReader, Stamp
-from anm_mj.io.sequence import MATCH_S, Frame, Sequence, bridged, nearest_index, say_left_out
+from anm_mj.io.sequence import Frame, Sequence, say_left_out
+from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import open_regular
 

@@ -13,18 +13,8 @@ from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_poses import GAP_S, Track
 from anm_mj.io.image import read_image
-from anm_mj.io.sequence import (
-    MATCH_S,
-    Frame,
-    Sequence,
-    bridged,
-    from_pixel_centres,
-    nearest_index,
-    require_below,
-    require_count,
-    say_left_out,
-    tum_matrix,
-)
+from anm_mj.io.sequence import Frame, Sequence, from_pixel_centres, require_below, require_count, say_left_out
+from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index, tum_matrix
 from anm_mj.io.sequence_text import number_rows, rows, with_slashes
 
 _UNIT_M = 1.0 / 5000.0

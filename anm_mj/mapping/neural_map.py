@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.expected_error import CONSTANT_M, expected_errors
@@ -103,6 +104,25 @@ class NeuralMap:
             if self._prior is not None:
                 self._prior.forget_contradicted(self.field.keyframes, by_depth.grid, by_depth.voxels.corner)
         return self.field.learn(observation, by_depth.grid, effort)
+
+    def move_keyframes(self, from_end: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
+        """Give keyframes other poses; training follows.
+
+        Args:
+            from_end: Which, counted from the last one, which is 1: of a prior run some may have gone.
+            T_world_camera: Camera to world.
+        """
+        self.field.move_keyframes(from_end, T_world_camera)
+
+    def rebuild(
+        self,
+        views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]],
+        iterations: int,
+    ) -> None:
+        """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often."""
+        self.occupancy.by_depth.rebuild(views)
+        self.field.retrain(iterations, self.occupancy.by_depth.grid)
+        self._start_readers()
 
     def finish(self) -> int:
         """Train on the keyframes once more, when no frame is to come; the number of iterations."""

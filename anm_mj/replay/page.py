@@ -68,6 +68,7 @@ def replay_page(
 
 def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
     run = timeline.run
+    legend = (*palette.LEGEND, *palette.TRUTH_LEGEND)
     plans, graphs = _plans(timeline)
     name, coverage = timeline.coverage
     low, high = _bounds_m(timeline, mesh)
@@ -78,6 +79,9 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "steps": timeline.steps.tolist(),
         "poses": _base64(np.array(poses, np.float32)),
         "cameras": _base64(np.array(cameras, np.float32)),
+        "lost": np.flatnonzero(timeline.is_lost).tolist(),
+        "truth": None if timeline.true_xy_m is None else _base64(timeline.true_xy_m.astype(np.float32)),
+        "ellipses": _ellipses(timeline),
         "plan_of_frame": timeline.plan_of_frame.tolist(),
         "plans": plans,
         "graphs": graphs,
@@ -96,8 +100,8 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
             "trajectory": shapes.TRAJECTORY_HEIGHT_M,
             "path": shapes.PATH_HEIGHT_M,
         },
-        "colours": {key: palette.number(colour) for key, _, colour in palette.LEGEND},
-        "legend": palette.LEGEND,
+        "colours": {key: palette.number(colour) for key, _, colour in legend},
+        "legend": legend,
         "low": low.tolist(),
         "high": high.tolist(),
     }
@@ -111,6 +115,14 @@ def _bounds_m(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.nd
         low = np.minimum(low, np.percentile(mesh.vertices_m, SHARDS_PERCENT, axis=0))
         high = np.maximum(high, np.percentile(mesh.vertices_m, 100.0 - SHARDS_PERCENT, axis=0))
     return low, high
+
+
+def _ellipses(timeline: Timeline) -> str | None:
+    """Half axes and direction of the position's uncertainty at each frame; None where nobody estimated it."""
+    found = [timeline.ellipse_m(index) for index in range(timeline.num_frames)]
+    if all(each is None for each in found):
+        return None
+    return _base64(np.array([np.zeros(3) if each is None else each for each in found], np.float32))
 
 
 def _plans(timeline: Timeline) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -11,7 +11,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
-from anm_mj.io.sequence_layouts import SequenceOptions, find_floor_m, open_sequence
+from anm_mj.io.sequence_floor import find_floor_m
+from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from tests.io.bags import (
     CAMERA,
     COLOUR,

@@ -6,7 +6,8 @@ import pytest
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.sequence import SequenceWriter, base_pose, read_sequence
+from anm_mj.io.own_sequence import SequenceWriter, read_sequence
+from anm_mj.io.sequence_poses import base_pose
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import observe
 

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions, transform_points
-from anm_mj.io.sequence import SequenceWriter
-from anm_mj.io.sequence_layouts import SequenceOptions, find_floor_m, open_sequence
+from anm_mj.io.own_sequence import SequenceWriter
+from anm_mj.io.sequence_floor import find_floor_m
+from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, new_recorder, observe, record_steps
 

@@ -112,8 +112,16 @@
   const poses = floats(data.poses), cameras = floats(data.cameras), n = data.steps.length;
   const places = [];
   for (let i = 0; i < n; i++) places.push(poses[3 * i], poses[3 * i + 1]);
-  const trajectory = add("trajectory", new THREE.Mesh(bands(along(places), heights.trajectory, 0.045), flat(colours.trajectory)));
+  // A band to or from a frame at which the robot was lost has no length.
+  const lost = new Set(data.lost), known = along(places);
+  for (let i = 0; i + 1 < n; i++) if (lost.has(i) || lost.has(i + 1)) known.splice(4 * i, 4, 0, 0, 0, 0);
+  const trajectory = add("trajectory", new THREE.Mesh(bands(known, heights.trajectory, 0.045), flat(colours.trajectory)));
   trajectory.frustumCulled = false;
+  const truth = data.truth ? add("truth", new THREE.Mesh(bands(along(floats(data.truth)), heights.trajectory + 0.005, 0.018), flat(colours.truth))) : null;
+  if (truth) truth.frustumCulled = false;
+  const ellipses = data.ellipses ? floats(data.ellipses) : null;
+  const covariance = ellipses ? add("covariance", new THREE.Mesh(new THREE.CircleGeometry(1, 48), flat(colours.covariance))) : null;
+  if (covariance) { covariance.material.transparent = true; covariance.material.opacity = 0.6; }
   const graph = add("graph", new THREE.Mesh(bands([], 0, 0), flat(colours.graph)));
   const path = add("path", new THREE.Mesh(bands([], 0, 0), flat(colours.path)));
   const regions = add("regions", new THREE.Group());
@@ -163,7 +171,16 @@
     camera.matrixAutoUpdate = false;
     camera.matrix.fromArray(cameras, 16 * frame);
     camera.matrixWorldNeedsUpdate = true;
+    robot.children.concat(camera.children).forEach((child) => { if (child !== screen) child.visible = !lost.has(frame); });
     trajectory.geometry.setDrawRange(0, 6 * frame);
+    if (truth) truth.geometry.setDrawRange(0, 6 * frame);
+    if (covariance) {
+      const [long, short, turn] = ellipses.slice(3 * frame, 3 * frame + 3);
+      covariance.position.set(poses[3 * frame], poses[3 * frame + 1], body.height + 0.04);
+      covariance.rotation.z = turn;
+      covariance.scale.set(Math.max(long, 1e-4), Math.max(short, 1e-4), 1);
+      covariance.children.concat(covariance).forEach((part) => { part.material.opacity = lost.has(frame) ? 0 : 0.6; });
+    }
     if (surface) surface.geometry.setDrawRange(0, 3 * counts[frame]);
     showPlan(data.plan_of_frame[frame]);
     const covered = data.coverage[frame];

@@ -1,0 +1,54 @@
+"""Finds the floor below the cameras of a recorded sequence."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from anm_mj.errors import RunFolderError
+from anm_mj.frames import pixel_directions, transform_points
+from anm_mj.io.sequence import Sequence
+
+_FLOOR_FRAMES, _FLOOR_BIN_M, _FLOOR_SHARE = 30, 0.02, 0.3
+_GUESSED_M = 1.0
+"""A camera of which nothing is known stands so high [m]."""
+
+_logger = logging.getLogger(__name__)
+
+
+def floor_below_first_m(sequence: Sequence) -> float:
+    """Height of the floor below the first camera [m], which is the origin; a guess is said."""
+    try:
+        return find_floor_m(sequence.first())
+    except RunFolderError:
+        _logger.warning(
+            "The first frame of %s shows nothing below the camera: the floor is taken to be %g m below (--floor).",
+            sequence.path,
+            _GUESSED_M,
+        )
+        return -_GUESSED_M
+
+
+def find_floor_m(sequence: Sequence) -> float:
+    """Height of the floor: the lowest level that holds many of the points below the cameras [m]."""
+    some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)])
+    heights = []
+    for observation in some.observations():
+        depth_m = observation.depth_m[::4, ::4]
+        measured = np.isfinite(depth_m)
+        points = pixel_directions(observation.intrinsics)[::4, ::4][measured] * depth_m[measured][:, None]
+        heights.append(transform_points(observation.T_world_camera, points)[:, 2])
+    below = np.median([frame.T_world_camera[2, 3] for frame in some.frames])
+    z = np.concatenate(heights)
+    z = z[z < below]
+    if not len(z):
+        raise RunFolderError(f"{sequence.path} shows nothing below its cameras; give the floor's height by --floor.")
+    levels, count = np.unique(np.floor(z / _FLOOR_BIN_M), return_counts=True)
+    # A level of points and its neighbours: the floor may lie on the border of two.
+    total = np.concatenate([[0], np.cumsum(count)])
+    both = total[np.searchsorted(levels, levels + 1.0, "right")] - total[np.searchsorted(levels, levels - 1.0)]
+    lowest = levels[np.argmax(both >= _FLOOR_SHARE * both.max())]
+    near = z[np.abs(z - (lowest + 1.0) * _FLOOR_BIN_M) < 2 * _FLOOR_BIN_M]
+    return float(np.median(near))

@@ -1,0 +1,74 @@
+"""Poses of cameras: in the TUM format, as those of a robot's base, and between the times that are stated."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation, Slerp
+
+from anm_mj.frames import rigid_transform
+from anm_mj.types import Pose2
+
+MATCH_S = 0.02
+"""Images and poses with times of their own belong together up to this difference [s]."""
+
+
+def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
+    """Pose of a base below a camera: heading of the camera's axis, or of its upper edge if it looks straight down."""
+    ahead = T_world_camera[:3, 2] if abs(T_world_camera[2, 2]) < 0.99 else -T_world_camera[:3, 1]
+    x, y = T_world_camera[:2, 3].tolist()
+    return Pose2(x, y, math.atan2(ahead[1], ahead[0]))
+
+
+def camera_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
+    """A camera pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
+    values = (*T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
+    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
+
+
+def time_text(time_s: float) -> str:
+    """A time in the TUM format, to the microsecond also where it is counted from 1970."""
+    return f"{time_s:.9g}" if abs(time_s) < 1e4 else f"{time_s:.6f}"
+
+
+def bridged(
+    times_s: list[float], poses: list[Float[np.ndarray, "4 4"] | None]
+) -> tuple[list[Float[np.ndarray, "4 4"]], tuple[int, ...]]:
+    """Poses without gaps, and the frames that had none: in a gap they lie between those before and after it.
+
+    Where no frame has any, all are at the origin.
+    """
+    known = [k for k, pose in enumerate(poses) if pose is not None]
+    missing = [k for k, pose in enumerate(poses) if pose is None]
+    if not known:
+        return [np.eye(4)] * len(poses), tuple(missing)
+    at = np.array([times_s[k] for k in known])
+    stated = np.array([poses[k] for k in known])
+    at, first = np.unique(at, return_index=True)
+    stated = stated[first]
+    filled = [np.eye(4) if pose is None else pose for pose in poses]
+    if missing:
+        wanted = np.clip([times_s[k] for k in missing], at[0], at[-1])
+        xyz = np.stack([np.interp(wanted, at, stated[:, axis, 3]) for axis in range(3)], axis=1)
+        # One pose alone has no other to turn to.
+        turned = Slerp(at, Rotation.from_matrix(stated[:, :3, :3]))(wanted).as_matrix() if len(at) > 1 else None
+        for place, k in enumerate(missing):
+            rotation = stated[0, :3, :3] if turned is None else turned[place]
+            filled[k] = rigid_transform(rotation.ravel(), xyz[place])
+    return filled, tuple(missing)
+
+
+def tum_matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
+    """A pose from a position [m] and a quaternion with the scalar last; raises ValueError if it is zero."""
+    return rigid_transform(Rotation.from_quat(quaternion).as_matrix().ravel(), xyz_m)
+
+
+def nearest_index(times_s: list[float], time_s: float) -> int | None:
+    """Index of the nearest of times in ascending order; None if it is more than ``MATCH_S`` away."""
+    after = bisect_left(times_s, time_s)
+    near = range(max(0, after - 1), min(after + 1, len(times_s)))
+    nearest = min(near, key=lambda index: abs(times_s[index] - time_s), default=None)
+    return None if nearest is None or not abs(times_s[nearest] - time_s) <= MATCH_S else nearest
