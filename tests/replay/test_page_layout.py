@@ -38,8 +38,9 @@ def browser(page, tmp_path_factory):
 
 
 def press(browser, key):
+    code = {"windowsVirtualKeyCode": 27} if key == "Escape" else {}
     for kind in ("keyDown", "keyUp"):
-        browser.call("Input.dispatchKeyEvent", type=kind, key=key, text=key if len(key) == 1 else "")
+        browser.call("Input.dispatchKeyEvent", type=kind, key=key, text=key if len(key) == 1 else "", **code)
 
 
 def click(browser, x, y):
