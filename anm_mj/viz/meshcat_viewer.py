@@ -24,7 +24,7 @@ from anm_mj.io.run_events import Completed, Mapped, Started
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.viz import palette, shapes
-from anm_mj.viz.assets import filled, page_asset, script_json
+from anm_mj.viz.assets import filled, page_asset, page_program, script_json
 from anm_mj.viz.file_server import FIRST_PORT
 from anm_mj.viz.page_server import PageServer
 
