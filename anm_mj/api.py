@@ -157,8 +157,8 @@ def explore_scene(
         observers: hear every event of the run (:mod:`anm_mj.events`), such as a viewer.
         continue_from: folder of a run whose map and explored state this one begins with; None = with nothing.
         return_to_start: whether the robot drives back to its start before the run ends, in time for the budget.
-        **options: ``start`` (x [m], y [m], yaw [deg]), ``robot``, ``drive``, ``pose``, ``goal`` and ``device``, as on
-            the command line.
+        **options: ``start`` (x [m], y [m], yaw [deg]), ``unknown_start``, ``robot``, ``drive``, ``pose``, ``goal`` and
+            ``device``, as on the command line.
 
     Raises:
         AnmError: the scene, start, policy, a setting, the renderer or the output folder cannot be used.

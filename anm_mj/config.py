@@ -47,6 +47,7 @@ OPTIONS = {
     "device": "--device DEVICE",
     "preset": "--preset PRESET",
     "continue_from": "--continue RUN",
+    "unknown_start": "--unknown-start",
     "return_to_start": "--return",
 }
 """How the fields of ``RunConfig`` are given that have an option of their own; the scene is the first argument."""
@@ -71,6 +72,9 @@ class RunConfig(SimulationConfig):
     continue_from: str | None = None
     """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =
     with nothing."""
+    unknown_start: bool = False
+    """With ``continue_from`` and ``pose = slam``: the robot is not told where it starts, and finds itself in the prior
+    map first. Without ``start`` it stands at a place drawn from the seed."""
     return_to_start: bool = False
     """Drive back to the start before the run ends, in time for the budget."""
     preset: str = DEFAULT_PRESET
@@ -101,6 +105,11 @@ class RunConfig(SimulationConfig):
         require_choice("goal", self.goal, GOALS)
         require_choice("device", self.device, DEVICES)
         require_choice("preset", self.preset, PRESETS)
+        if self.unknown_start and (self.continue_from is None or self.pose != "slam"):
+            raise ConfigError(
+                "--unknown-start needs the map that the robot is to find itself in, and the localisation that finds "
+                "it; add --continue RUN and --pose slam."
+            )
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"--steps is {self.steps}; a run needs at least 1 step.")
         if self.steps is not None and self.steps > MOST_STEPS:

@@ -14,7 +14,7 @@ from anm_mj.errors import PlanError
 from anm_mj.events import Decided, Ended, Event, Observed, Observer, Stepped
 from anm_mj.localisation.localiser import Localiser
 from anm_mj.localisation.look_around import look_around
-from anm_mj.loop_stages import UNTRAINED, is_blocked, learn, localise, observe
+from anm_mj.loop_stages import UNTRAINED, is_blocked, learn, localise, observe, wait_for_sight
 from anm_mj.loop_state import LoopState
 from anm_mj.protocols import Mapper, Policy, Robot
 from anm_mj.types import Action, StopReason
@@ -85,6 +85,10 @@ def explore(
                 plan = look_around(state.lost_steps) or policy.plan(mapper, observation)
                 state.follower.start(plan)
                 action = state.follower.next_action(observation.pose)
+            if action is Action.MOVE_FORWARD and not state.monitor.sees:
+                decided, plan = True, wait_for_sight(state, policy)
+                state.follower.start(plan)
+                action = state.follower.next_action(observation.pose)
         assert plan is not None  # The follower has no action without a plan.
         if decided:
             interrupted = tell(Decided(step - 1, plan))
@@ -102,13 +106,20 @@ def explore(
             state.follower.drop()
             state.collisions += not plan.actions
         elif action is Action.MOVE_FORWARD:
-            state.collisions = 0
+            state.collisions = state.blind_turns = 0
         with watch.stage("observe"):
             seen = observe(robot)
             if seen is not None:
                 free = not result.collided
                 judges = localiser is None
-                seen = state.monitor.check(seen, action=action, moved=free, sdf_m=mapper.sdf, judges_pose=judges)
+                seen = state.monitor.check(
+                    seen,
+                    action=action,
+                    moved=free,
+                    sdf_m=mapper.sdf,
+                    grid_at=mapper.occupancy_grid,
+                    judges_pose=judges,
+                )
         if seen is None:
             state.total.add(watch)
             state.step = step

@@ -39,6 +39,13 @@ def pose_matrix(pose: Pose2) -> Float[np.ndarray, "4 4"]:
     return np.array([[c, -s, 0.0, pose.x_m], [s, c, 0.0, pose.y_m], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+def relative_pose(origin: Pose2, pose: Pose2) -> Pose2:
+    """A pose as a robot at ``origin`` has it: x ahead of it, y to its left."""
+    dx, dy = pose.x_m - origin.x_m, pose.y_m - origin.y_m
+    c, s = math.cos(origin.yaw_rad), math.sin(origin.yaw_rad)
+    return Pose2(c * dx + s * dy, c * dy - s * dx, wrap_angle(pose.yaw_rad - origin.yaw_rad))
+
+
 def rigid_transform(rotation: Float[np.ndarray, "9"], position_m: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
     """A pose of MuJoCo (row-major rotation matrix and position [m]) as a homogeneous transform."""
     T = np.eye(4)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import math
 
+import numpy as np
+
 from anm_mj.errors import MapError
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.loop_state import LoopState
@@ -15,6 +17,8 @@ from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
 
+PATIENT_TURNS = 3
+"""After so many turns in place of a forward move, the policy looks for another way."""
 UNTRAINED = MapUpdate(math.nan, 0, 0)
 """Of a frame that the map has not learnt from."""
 
@@ -88,3 +92,12 @@ def is_blocked(
         return False
     grid = mapper.occupancy_grid(observation.pose.xy_m, lookahead_radius_m(robot.footprint))
     return path_is_blocked(grid, robot.footprint, observation.pose)
+
+
+def wait_for_sight(state: LoopState, policy: Policy) -> Plan:
+    """A turn in place of a forward move that the last frame tells nothing about."""
+    assert state.observation is not None
+    state.blind_turns += 1
+    if state.blind_turns % PATIENT_TURNS == 0:
+        policy.on_collision(state.observation.pose, Action.MOVE_FORWARD)
+    return Plan("nothing is seen ahead: turns instead of driving", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))

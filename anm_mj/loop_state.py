@@ -21,6 +21,8 @@ class LoopState:
         """Time spent in the loop, without set-up and observers."""
         self.collisions = 0
         """On paths, without a free step in between."""
+        self.blind_turns = 0
+        """In place of forward moves that nothing was seen ahead of, since the last free one."""
         self.lost_steps = 0
         """Since the pose was known the last time."""
         self.map_failed = False

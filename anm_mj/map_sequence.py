@@ -239,7 +239,7 @@ def _finish(
             state.regions,
             log.poses,
             target_xy_m=log.last_target_xy_m,
-            title=f"{Path(config.scene).resolve().name}, {len(log.poses)} recorded frames",
+            title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
         )
 
 

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import ReturnFacts, load_writers, write_results
 from anm_mj.run_parts import Parts, make_parts, true_view
-from anm_mj.types import StopReason
+from anm_mj.types import Observation, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
 
 TRIM_STEPS = 100
@@ -162,7 +163,7 @@ def run_loop(
     left = _what_is_left(parts, recorder, ended)
     back = None
     if isinstance(parts.policy, ReturnToStart):
-        back = ReturnFacts.of(recorder.poses, None if interrupted else parts.policy.explored_steps)
+        back = ReturnFacts.of(recorder.poses, ended.num_steps, None if interrupted else parts.policy.explored_steps)
     memory = None if config.record.replay_bytes == 0 else parts.explorer.memory()
     metrics = write_results(
         recorder, ended, mapper, left, wall_s=wall_s, release=mapper.close, memory=memory, back=back
@@ -192,4 +193,15 @@ def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionSt
         stages.continue_from(recorder.prior)
     for pose in recorder.poses:
         stages.topdown.visit(pose.xy_m)
-    return stages.read(parts.mapper, ended.observation)
+    return stages.read(parts.mapper, _where_it_was(recorder, ended))
+
+
+def _where_it_was(recorder: RunRecorder, ended: Ended) -> Observation:
+    """The last observation; of a robot that is lost, where it last knew that it was, or where the prior run ended."""
+    seen = ended.observation
+    if ended.stop_reason is not StopReason.LOST:
+        return seen
+    if recorder.poses:
+        return replace(seen, pose=recorder.poses[-1])
+    prior = None if recorder.prior is None else recorder.prior.poses
+    return seen if prior is None or not len(prior) else replace(seen, pose=Pose2(*prior[-1].tolist()))

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.config import RunConfig
+from anm_mj.environments.starts import sample_start
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.events import Observer
 from anm_mj.ground_truth.cache import cached_ground_truth, reachable_area
@@ -83,6 +87,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
     if prior is not None:
         prior.begin(mapper)
     with _make_robot(config, scene) as robot:
+        if config.unknown_start and config.start is None:
+            config = _somewhere(config, scene, robot)
         truth = functools.cache(lambda: _true_scene(scene, robot, steps, observers))
         told = truth() if needs_truth(config.policy) else None
         context = PolicyContext(
@@ -133,7 +139,9 @@ def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | Non
         return None
     from anm_mj.localisation.field_localiser import FieldLocaliser
 
-    return FieldLocaliser(mapper, config.localisation, seed=config.seed, planar=True, odometry=True)
+    return FieldLocaliser(
+        mapper, config.localisation, seed=config.seed, planar=True, odometry=True, lost=config.unknown_start
+    )
 
 
 def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> FieldLocaliser:
@@ -155,7 +163,14 @@ def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> Fi
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     from anm_mj.sim.make_robot import make_robot
 
-    return make_robot(scene, config, anticipates=True, forgets_textures=True)
+    return make_robot(scene, config, knows_start=not config.unknown_start, anticipates=True, forgets_textures=True)
+
+
+def _somewhere(config: RunConfig, scene: Scene, robot: SimRobot) -> RunConfig:
+    """Place the robot where the seed says; the configuration with that start."""
+    start = sample_start(scene, robot.footprint, np.random.default_rng([config.seed, 31]))
+    robot.place(start)
+    return replace(config, start=(start.x_m, start.y_m, math.degrees(start.yaw_rad)))
 
 
 def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Sequence[Observer]) -> SceneTruth:
@@ -165,10 +180,10 @@ def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Seq
         for observer in observers:
             observer.on_event(Surveying(done, total))
 
-    first = robot.observe()
+    first, start = robot.observe(), robot.pose
     camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose, first.range_m)
-    surface = cached_ground_truth(scene, robot.footprint, camera, first.pose, tell)
-    return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera, budget_steps)
+    surface = cached_ground_truth(scene, robot.footprint, camera, start, tell)
+    return SceneTruth(surface, reachable_area(scene, robot.footprint, start), camera, budget_steps)
 
 
 def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:

@@ -1,7 +1,7 @@
 """How good the check of recorded sequences is: what it detects, names rightly, and says of sound ones.
 
 python scripts/check_sequences.py
-python scripts/check_sequences.py --scenes office room --seed 1 --faulty 200 --sound 100
+python scripts/check_sequences.py --scenes office room --seed 1 --faulty-count 200 --sound-count 100
 
 Each of the faulty recordings has one fault, of a kind and size drawn by the seed, from hardly to grossly wrong. It
 counts where it moves the points of one frame by more than 1 % of their depth in the frames beside it, in the mean: 2 cm
@@ -41,16 +41,19 @@ def moved(evidence: Evidence, true: Correction) -> float:
         points = judge.shown(stated).points_m
         wrong = np.linalg.norm(carry(points, step) - points, axis=-1) / points[..., 2]
         return float(np.nanmean(wrong))
-    shares = []
+    if true.mirrored:
+        shown, poses = judge.shown(stated).points_m[pairs[:, 0]], judge.view_poses(stated)
+        T = np.linalg.inv(poses[pairs[:, 1]]) @ poses[pairs[:, 0]]
+        flip = np.array([-1.0, 1.0, 1.0], np.float32)
+        should = carry(shown * flip, T) * flip
+        wrong = np.linalg.norm(carry(shown, T) - should, axis=-1) / should[..., 2]
+        return float(np.nanmean(np.clip(wrong, 0.0, 1.0)))
     there = []
     for correction in (stated, true):
         poses, shown = judge.view_poses(correction), judge.shown(correction)
         T = np.linalg.inv(poses[pairs[:, 1]]) @ poses[pairs[:, 0]]
         there.append((carry(shown.points_m[pairs[:, 0]], T), shown.camera))
     (said, camera), (truly, true_camera) = there
-    if true.mirrored:
-        # The same pixels, seen from the other side.
-        return 1.0
     at = project(truly, true_camera)
     x, y = (at.x - camera.cx) / camera.fx, (at.y - camera.cy) / camera.fy
     z = truly[..., 2]

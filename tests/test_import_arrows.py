@@ -38,7 +38,7 @@ FLOORS = {
         ("config", "export"),
         ("prior_run",),
         ("run_parts",),
-        ("map_sequence", "run"),
+        ("localise_images", "map_sequence", "run"),
         ("api", "bench", "resume"),
     ),
     "cli": (("cli",),),

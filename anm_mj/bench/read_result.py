@@ -18,7 +18,7 @@ from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.run_result import Result, reading
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.io.curve_file import COLUMNS, read_curve
+from anm_mj.io.curve_file import COMPLETION_COLUMNS, read_curve
 from anm_mj.io.read_run import read_json
 from anm_mj.utils.read_file import convert
 from anm_mj.utils.settings import of_type
@@ -92,7 +92,7 @@ def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarr
         most = 100.0 if name.endswith(_PER_CENT) else math.inf
         if not (name.endswith(_ANY_SIGN) or 0.0 <= value <= most + _ROUNDING):
             raise ValueError(f"metrics.json says {name} = {value:g}; it goes from 0 to {most:g}")
-    for name, last in zip(COLUMNS, curve[-1].tolist(), strict=True):
+    for name, last in zip(COMPLETION_COLUMNS, curve[-1].tolist(), strict=True):
         value = metrics.get(name)
         if name != "step" and value is not None and abs(value - last) > _ROUNDING * max(1.0, abs(last)):
             raise ValueError(f"metrics.json says {name} = {value:g}, but curve.csv ends with {last:g}")
@@ -107,7 +107,7 @@ def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:
     columns = read_curve(path)
     if np.isnan(columns["completion_ratio"]).all():
         raise ValueError(f"{path.name} has no rows with a completion ratio")
-    return np.stack([columns[name] for name in COLUMNS], axis=1)
+    return np.stack([columns[name] for name in COMPLETION_COLUMNS], axis=1)
 
 
 def revision_text(git: Mapping[str, Any] | None) -> str:

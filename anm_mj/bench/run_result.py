@@ -19,7 +19,7 @@ from anm_mj.bench.job import Job
 from anm_mj.bench.worker import BOUND
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.metrics import COUNTS, EpisodeStatistics
-from anm_mj.io.curve_file import COLUMNS
+from anm_mj.io.curve_file import COMPLETION_COLUMNS
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_shapes import Number
 from anm_mj.types import FORWARD_STEP_M, Action
@@ -134,7 +134,7 @@ class Result:
             for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
                 done = convert(line, _Done)
                 log = log.after(Action[done.action], done.collided, done.moved_m, {})
-        last = dict(zip(COLUMNS, curve[-1], strict=True))
+        last = dict(zip(COMPLETION_COLUMNS, curve[-1], strict=True))
         del last["step"]
         metrics = {key: None for key in self.metrics if key != "stage_hz"} | last
         metrics |= {"observable_share": self.metrics.get("observable_share"), "stop_reason": "BUDGET"}

@@ -19,6 +19,7 @@ from anm_mj.cli.doctor import doctor
 from anm_mj.cli.evaluate import evaluate
 from anm_mj.cli.explore import explore
 from anm_mj.cli.export import export
+from anm_mj.cli.localise import localise
 from anm_mj.cli.map import map_recorded
 from anm_mj.cli.robot import robot_check
 from anm_mj.cli.scene import scene_generate, scene_import, scene_list
@@ -37,6 +38,7 @@ COMMANDS = Group(
         "explore": explore,
         "eval": evaluate,
         "map": map_recorded,
+        "localise": localise,
         "view": view,
         "export": export,
         "bench": bench,

@@ -125,12 +125,9 @@ def map_recorded(
     sys.path.insert(0, os.getcwd())
     if not 0.0 < radius < height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
-    for topic in topics:
-        if "=" not in topic:
-            raise ConfigError(f"--topic is '{topic}'; give ROLE=NAME, as in colour=/camera/color/image_raw.")
     if port is not None and not view:
         raise ConfigError(f"--port is {port}, but nothing is shown; add --view.")
-    by_role = dict(topic.split("=", 1) for topic in topics)
+    by_role = topics_by_role(topics)
     if reference is not None and not track:
         raise ConfigError("--reference is for poses that --track finds; give both, or none.")
     measured = None if reference is None else read_reference(reference)
@@ -143,7 +140,7 @@ def map_recorded(
         judged = reference is not None and reference.resolve().is_relative_to(sequence.resolve())
         wanted = replace(wanted, needs_poses=False, ignores_poses=judged)
     if distortion is not None:
-        wanted = replace(wanted, distortion=_distortion(distortion))
+        wanted = replace(wanted, distortion=lens_distortion(distortion))
     given = Correction(
         poses,
         axes,
@@ -198,7 +195,15 @@ def map_recorded(
     return 0
 
 
-def _distortion(words: str) -> LensDistortion | None:
+def topics_by_role(topics: Sequence[str]) -> dict[str, str]:
+    """What ``--topic`` says; raises ConfigError."""
+    for topic in topics:
+        if "=" not in topic:
+            raise ConfigError(f"--topic is '{topic}'; give ROLE=NAME, as in colour=/camera/color/image_raw.")
+    return dict(topic.split("=", 1) for topic in topics)
+
+
+def lens_distortion(words: str) -> LensDistortion | None:
     """What ``--distortion`` says; raises ConfigError."""
     from anm_mj.geometry.lens_distortion import LensDistortion
 

@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt16
 
 from anm_mj.evaluation.completion import Completion, Coverage
+from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.types import Intrinsics, Pose2
 
 CHECKPOINT_STEPS = 10
 """Steps between two rows of the curve."""
-CURVE_HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m"
+CURVE_HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m,position_error_cm,heading_error_deg"
 """First line of ``curve.csv``; ratios in per cent."""
 
 
@@ -31,12 +32,18 @@ class CurveRow:
     """Completion ratio of the observable surface [%]; None if that is not known."""
     path_m: float
     """Driven distance [m]."""
+    position_error_cm: float | None = None
+    """Distance between the believed and the true place of the base [cm]; None where the pose is exact or not known."""
+    heading_error_deg: float | None = None
+    """Angle between the believed and the true heading, without sign [deg]; None likewise."""
 
     @property
     def csv(self) -> str:
         """The row as a line of ``curve.csv``, every digit kept."""
-        observable = "" if self.observable_ratio is None else repr(self.observable_ratio)
-        return f"{self.step},{self.completion_ratio!r},{self.completion_cm!r},{observable},{self.path_m!r}"
+        optional = (self.observable_ratio, self.position_error_cm, self.heading_error_deg)
+        observable, position, heading = ("" if value is None else repr(value) for value in optional)
+        known = f"{self.step},{self.completion_ratio!r},{self.completion_cm!r},{observable},{self.path_m!r}"
+        return f"{known},{position},{heading}"
 
 
 class CompletionCurve:
@@ -62,6 +69,7 @@ class CompletionCurve:
         """What was covered before the first frame; None for a run that began with nothing."""
         self._step: int | None = None
         self._pose: Pose2 | None = None
+        self._believed: Pose2 | None = None
         self.path_m = 0.0
         """Driven distance: the sum of the distances between consecutive frames [m]."""
 
@@ -77,6 +85,7 @@ class CompletionCurve:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
         pose: Pose2,
+        believed: Pose2 | None = None,
     ) -> CurveRow | None:
         """Add the frame after ``step`` actions; returns its row, if it has one.
 
@@ -86,11 +95,12 @@ class CompletionCurve:
             intrinsics: Of the original image.
             T_world_camera: Camera to world, CV axes.
             pose: Pose of the base.
+            believed: Where the robot thought that its base was; None where that was the same, or it did not know.
         """
         self._coverage.add(depth_mm, intrinsics, T_world_camera)
         if self._pose is not None:
             self.path_m += math.dist(self._pose.xy_m, pose.xy_m)
-        self._step, self._pose = step, pose
+        self._step, self._pose, self._believed = step, pose, believed
         return self._row(step) if step % CHECKPOINT_STEPS == 0 else None
 
     def last(self) -> CurveRow | None:
@@ -101,6 +111,16 @@ class CompletionCurve:
 
     def _row(self, step: int) -> CurveRow:
         now = self._coverage.completion()
-        row = CurveRow(step, now.ratio_percent, now.completion_cm, now.observable_ratio_percent, self.path_m)
+        row = CurveRow(
+            step, now.ratio_percent, now.completion_cm, now.observable_ratio_percent, self.path_m, *self._pose_error()
+        )
         self.rows.append(row)
         return row
+
+    def _pose_error(self) -> tuple[float | None, float | None]:
+        """Error of the last frame's believed pose [cm, deg]; None where there is none."""
+        true, believed = self._pose, self._believed
+        if true is None or believed is None or believed == true:
+            return None, None
+        turned = abs(wrap_angle(believed.yaw_rad - true.yaw_rad))
+        return 100.0 * math.dist(believed.xy_m, true.xy_m), math.degrees(turned)

@@ -85,7 +85,8 @@ def evaluate_run(
         statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
     curve = CompletionCurve(truth, _covered_before(run.folder, truth))
     for frame in run.frames:
-        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
+        believed = None if frame.is_lost else frame.pose
+        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose, believed)
     known = read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
     summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
     views = {name: value for name, value in known.items() if name in _OF_VIEWS}
@@ -166,9 +167,10 @@ def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> 
     if error is None:
         return None
     found: dict[str, Any] = dataclasses.asdict(error)
-    if run.folder.mesh.is_file():
+    known = [frame for frame in run.frames if not frame.is_lost]
+    if known and run.folder.mesh.is_file():
         vertices, faces = read_mesh(run.folder.mesh)
-        believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in run.frames]) for name in _POSES)
+        believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in known]) for name in _POSES)
         T_true_believed = alignment(believed, true)
         moved = (vertices @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]).astype(vertices.dtype)
         _, observed = mesh_quality(moved, faces, truth, curve.distance_m < COVERED_M)

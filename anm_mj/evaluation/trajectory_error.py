@@ -25,11 +25,14 @@ RPE_RAD = math.pi / 2
 
 @dataclass(frozen=True)
 class TrajectoryError:
-    """Errors of the camera's believed poses; the fields are those of ``metrics.json``."""
+    """Errors of the camera's believed poses; the fields are those of ``metrics.json``.
 
-    position_rmse_cm: float
+    Frames whose pose was not known count in the two shares alone; without any other, errors are None.
+    """
+
+    position_rmse_cm: float | None
     """Root mean square of the position error in the world, without alignment [cm]."""
-    ate_rmse_cm: float
+    ate_rmse_cm: float | None
     """The same after the rigid alignment that makes it smallest (absolute trajectory error) [cm]."""
     rpe_cm_per_m: float | None
     """Root mean square of the drift of position over each metre driven [cm]; None for a shorter path."""
@@ -37,10 +40,10 @@ class TrajectoryError:
     """Likewise of the drift of rotation [deg]."""
     rpe_deg_per_quarter_turn: float | None
     """Root mean square of the drift of rotation over each 90 degrees turned [deg]; None for less."""
-    final_position_error_cm: float
-    """Error of the last position [cm]."""
-    final_heading_error_deg: float
-    """Error of the last heading [deg]."""
+    final_position_error_cm: float | None
+    """Error of the last known position [cm]."""
+    final_heading_error_deg: float | None
+    """Error of the heading there [deg]."""
     lost_percent: float
     """Share of the frames whose pose was not known [%]."""
     unmapped_percent: float
@@ -53,8 +56,13 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
     Args:
         frames: of the run; at least one.
     """
-    believed = np.array([frame.T_world_camera for frame in frames])
-    true = np.array([frame.T_true_camera for frame in frames])
+    lost_percent = 100.0 * float(np.mean([frame.is_lost for frame in frames]))
+    unmapped_percent = 100.0 * float(np.mean([not frame.is_mapped for frame in frames]))
+    known = [frame for frame in frames if not frame.is_lost]
+    if not known:
+        return TrajectoryError(None, None, None, None, None, None, None, lost_percent, unmapped_percent)
+    believed = np.array([frame.T_world_camera for frame in known])
+    true = np.array([frame.T_true_camera for frame in known])
     if np.array_equal(believed, true):
         return None
     error_m = np.linalg.norm(believed[:, :3, 3] - true[:, :3, 3], axis=1)
@@ -64,7 +72,7 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
     steps = [true[max(k - 1, 0), :3, :3].T @ true[k, :3, :3] for k in range(len(true))]
     turned = np.cumsum([_angle(step) for step in steps])
     over_path, over_turn = _drift(believed, true, path, RPE_M), _drift(believed, true, turned, RPE_RAD)
-    last = frames[-1]
+    last = known[-1]
     heading = wrap_angle(last.pose.yaw_rad - last.true_pose.yaw_rad)
     return TrajectoryError(
         position_rmse_cm=100.0 * _rms(error_m),
@@ -74,8 +82,8 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
         rpe_deg_per_quarter_turn=math.degrees(_rms(over_turn[:, 1])) if len(over_turn) else None,
         final_position_error_cm=100.0 * float(error_m[-1]),
         final_heading_error_deg=math.degrees(abs(heading)),
-        lost_percent=100.0 * float(np.mean([frame.is_lost for frame in frames])),
-        unmapped_percent=100.0 * float(np.mean([not frame.is_mapped for frame in frames])),
+        lost_percent=lost_percent,
+        unmapped_percent=unmapped_percent,
     )
 
 

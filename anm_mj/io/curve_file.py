@@ -11,7 +11,8 @@ from jaxtyping import Float
 from anm_mj.errors import RunFolderError
 from anm_mj.utils.read_file import read_text
 
-COLUMNS = ("step", "completion_ratio", "completion_cm", "observable_ratio", "path_m")
+COMPLETION_COLUMNS = ("step", "completion_ratio", "completion_cm", "observable_ratio", "path_m")
+COLUMNS = (*COMPLETION_COLUMNS, "position_error_cm", "heading_error_deg")
 """Of the file; others are left alone."""
 GROWING = ("completion_ratio", "observable_ratio", "path_m")
 """Columns that never fall: what was seen stays seen."""

@@ -28,6 +28,8 @@ class FrameRecord:
     """Whether localisation did not know the pose."""
     is_mapped: bool = True
     """Whether the pose was good enough for the map."""
+    covariance_xy_m2: tuple[float, float, float] | None = None
+    """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ class LocalisationShape(Struct):
 
     state: str
     usable: bool
+    covariance_xy_m2: tuple[Number, Number, Number] | None = None
 
 
 class FrameShape(PoseShape):

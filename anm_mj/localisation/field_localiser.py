@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,10 @@ from jaxtyping import Bool, Float
 from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
+from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
@@ -26,6 +29,8 @@ from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
+
+_logger = logging.getLogger(__name__)
 
 _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
@@ -51,6 +56,7 @@ class FieldLocaliser:
         odometry: bool,
         base_pose: Callable[[Float[np.ndarray, "4 4"]], Pose2] | None = None,
         lost: bool = False,
+        tilts: Sequence[Float[np.ndarray, "4 4"]] = (),
     ) -> None:
         """Start before the first frame.
 
@@ -63,6 +69,7 @@ class FieldLocaliser:
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
             lost: Whether there is a map already, in which of the first pose only height and tilt are known.
+            tilts: Camera poses with heights and tilts that a lost camera may have, in the place of the first pose's.
 
         Raises:
             MapError: The engine of the map cannot localise.
@@ -79,6 +86,7 @@ class FieldLocaliser:
         self._odometry = odometry
         self._base_pose = base_pose
         self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
+        self._tilts = tuple(tilts)
         self._num_frames = 0
         self._num_mapped = 0
         self._since_keyframe = 0
@@ -87,6 +95,11 @@ class FieldLocaliser:
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
+        self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
+        self._points: FramePoints | None = None
+        """Of the last frame."""
+        self._is_chained = False
+        """Whether the motion since the last keyframe is known."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
@@ -109,7 +122,7 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+        self._points = points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
@@ -129,7 +142,41 @@ class FieldLocaliser:
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
-        return self._map.integrate(estimate.observation, self._effort(estimate))
+        effort = self._effort(estimate)
+        update = self._map.integrate(estimate.observation, effort)
+        if effort.is_keyframe:
+            self._correct(estimate.observation)
+        return update
+
+    def _correct(self, observation: Observation) -> None:
+        """Add a keyframe to the graph, and move what it corrects."""
+        graph = self.config.graph
+        own = len(self._map.field.keyframes) == len(self._graph.poses) + 1
+        # In a map that goes on from a prior run, that map says where everything is.
+        if not own or not (graph.adjust or graph.loops):
+            return
+        noise = self._map.occupancy.by_depth.noise.value
+        T = observation.T_world_camera
+        points = self._points
+        if points is None:
+            rng = np.random.default_rng([self._seed, 22])
+            points = draw_points(observation, self.config.registration.num_points, noise, 8.0, rng)
+        # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
+        deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
+        motion = (
+            Prior(T, self._basis.T @ np.diag(deviations**2) @ self._basis, self._basis) if self._is_chained else None
+        )
+        self._is_chained = True
+        correction = self._graph.add(points, T, motion, noise)
+        if correction is None:
+            return
+        self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
+        self._T_world_camera = correction.T_world_camera[-1]
+        if correction.largest_m > graph.rebuild_m:
+            if correction.closed:
+                text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built anew."
+                _logger.info(text, observation.step, 100.0 * correction.largest_m)
+            self._map.rebuild((image.view for image in self._key_images.images), graph.rebuild_iterations)
 
     def _effort(self, estimate: PoseEstimate) -> TrainingEffort:
         """How much to train on a usable frame.
@@ -179,9 +226,8 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
         by_depth = neural_map.occupancy.by_depth
-        believed = finder.look(
-            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, by_depth
-        )
+        tilts = self._possible_tilts(prior, points)
+        believed = finder.look(points, tilts, self._basis, neural_map.backend.align, self._known, by_depth)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
         finder.restart()
@@ -190,7 +236,16 @@ class FieldLocaliser:
         found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
         # The jump from where it was believed to be is no motion.
         self._T_last_now = np.eye(4)
+        self._is_chained = False
         return replace(found, relocalised=True)
+
+    def _possible_tilts(self, prior: Prior, points: FramePoints) -> list[Float[np.ndarray, "4 4"]]:
+        """Camera poses with the heights and tilts that a lost camera may have."""
+        tilts = list(self._tilts) or [prior.T_world_camera]
+        if self._basis.shape[1] == len(FREE):
+            floor = pose_above_floor(points.camera_m, np.random.default_rng([self._seed, 23, self._num_frames]))
+            tilts += [] if floor is None else [floor]
+        return tilts
 
     def _prior(self, observation: Observation) -> Prior:
         if self._T_world_camera is None:

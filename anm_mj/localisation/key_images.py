@@ -18,7 +18,7 @@ from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.sensing.pixel_state import is_measured
-from anm_mj.types import Observation
+from anm_mj.types import Intrinsics, Observation
 
 _MOST_TRIED, _LATEST_TRIED = 12, 3
 """Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
@@ -43,6 +43,15 @@ class KeyImage:
     step: int
     radius_px: int = 0
     """Depth is the mean of a square about each pixel that reaches so far."""
+    node: int = -1
+    """Number of its keyframe; -1 before it has one."""
+
+    @property
+    def view(self) -> tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]:
+        """Depth, camera and pose."""
+        height, width = self.depth_m.shape
+        fx, fy, cx, cy = self.camera.tolist()
+        return self.depth_m, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
 
 
 def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:
@@ -118,10 +127,7 @@ class KeyImages:
         if not self.images:
             return []
         world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        poses = np.stack([image.T_world_camera for image in self.images])
-        apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
-        near = (apart <= config.most_apart_m) & (poses[:, :3, 2] @ T_world_camera[:3, 2] >= config.least_cosine)
-        candidates = np.flatnonzero(near).tolist()
+        candidates = self._near(T_world_camera)
         chosen: list[int] = []
         for k in candidates[:_MOST_TRIED]:
             if len(chosen) >= config.num_images - 1:
@@ -132,6 +138,18 @@ class KeyImages:
         if latest:
             chosen.append(max(latest, key=lambda k: _share_in(self.images[k], world)))
         return [self.images[k] for k in dict.fromkeys(chosen)]
+
+    def shares(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[tuple[float, KeyImage]]:
+        """Which share of a frame's points each image shows, of those that were taken near enough."""
+        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        return [(_share_in(self.images[k], world), self.images[k]) for k in self._near(T_world_camera)]
+
+    def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[int]:
+        """Images that were taken near a camera, in a like direction."""
+        poses = np.stack([image.T_world_camera for image in self.images])
+        apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
+        alike = poses[:, :3, 2] @ T_world_camera[:3, 2] >= self.config.least_cosine
+        return np.flatnonzero((apart <= self.config.most_apart_m) & alike).tolist()
 
     def equations(
         self,

@@ -134,6 +134,50 @@ class TrackingConfig(Settings, group="localisation.tracking", error=MapError):
 
 
 @dataclass(frozen=True)
+class GraphConfig(Settings, group="localisation.graph", error=MapError):
+    """Poses of keyframes that are corrected by what is measured between them."""
+
+    adjust: bool = False
+    """Whether the poses of the latest keyframes are adjusted with each new one (bundle adjustment)."""
+    loops: bool = False
+    """Whether a place that is seen again corrects all keyframes since (loop closure)."""
+    images: int = setting(5, at_least=1, at_most=100)
+    """Earlier keyframes that a new one is registered to."""
+    window: int = setting(30, at_least=1, at_most=100_000)
+    """So many of the latest keyframes are adjusted; a loop adjusts all but the first."""
+    iterations: int = setting(5, at_most=1000)
+    """Steps of Gauss-Newton for a registration."""
+    first_kernel: float = 10.0
+    """Width of the kernel on distances at first, in standard deviations."""
+    kernel: float = 2.5
+    """Width of it at the end."""
+    information: float = 0.1
+    """Share of the sum over the pixels that a registration is believed by, as neighbouring pixels err together."""
+    chain_m: float = 0.01
+    """Standard deviation of the estimated displacement from one keyframe to the next, by field and odometry [m],"""
+    chain_rad: float = 0.005
+    """and of the rotation [rad]."""
+    edge_kernel: float = 3.0
+    """Width of the kernel on the deviation of a registration from the graph, in standard deviations."""
+    least_overlap: float = setting(0.35, at_least=0.0, at_most=1.0)
+    """A keyframe must show at least this share of the points,"""
+    least_fit: float = setting(0.5, at_least=0.0, at_most=1.0)
+    """and they must fit it at least so well, in [0, 1]."""
+    loop_keyframes: int = setting(40, at_least=2, at_most=100_000)
+    """A place is seen again after so many keyframes at least,"""
+    loop_m: float = 0.02
+    """and with a deviation of more than this [m],"""
+    loop_confirmations: int = setting(3, at_least=1, at_most=1000)
+    """which so many keyframes in a row have to say alike,"""
+    loop_chi_square: float = 16.0
+    """and all other measurements must allow, by the squared deviation in standard deviations."""
+    rebuild_m: float = 0.03
+    """A correction by more than this [m] rebuilds the occupancy grid from the keyframes, and trains the field again,"""
+    rebuild_iterations: int = setting(100, at_least=0, at_most=100_000)
+    """with so many iterations."""
+
+
+@dataclass(frozen=True)
 class RelocalisationConfig(Settings, group="localisation.relocalisation", error=MapError):
     """How a lost camera is looked for."""
 
@@ -185,4 +229,5 @@ class LocalisationConfig:
     key_images: KeyImageConfig = KeyImageConfig()
     motion: MotionConfig = MotionConfig()
     tracking: TrackingConfig = TrackingConfig()
+    graph: GraphConfig = GraphConfig()
     relocalisation: RelocalisationConfig = RelocalisationConfig()

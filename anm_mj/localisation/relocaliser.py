@@ -8,14 +8,15 @@ in a row confirm it and no other is nearly as good: a wrong place believed is wo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.agreement import agreement
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
-from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
 from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
@@ -27,8 +28,21 @@ _ASIDE_M = 0.05
 """A place that is farther from another is not the same minimum [m]."""
 _DOUBT_FRAMES = 2
 """Frames of half a score that every hypothesis begins with."""
+_PAST_FRAMES = 12
+"""So many frames have to fit a place that is believed, also those from before it was proposed."""
+_HEIGHT_M = 0.1
+"""Cameras whose heights differ by less share a grid of distances [m]."""
 _FLOOR_M = 0.1
 """World z above which the camera's stand needs free space [m]."""
+
+
+@dataclass
+class _PastFrame:
+    """A frame that a place has to fit that was proposed only later."""
+
+    points: FramePoints
+    T_then_now: Float[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
+    """The present camera in the axes of that of then."""
 
 
 @dataclass
@@ -59,22 +73,32 @@ class Relocaliser:
         """Start without any hypothesis."""
         self.config = config
         self.hypotheses: list[Hypothesis] = []
-        self._grid: DistanceGrid | None = None
+        self._past: list[_PastFrame] = []
+        """The last frames that were looked at, the present one included."""
+        self._grids: dict[int, DistanceGrid] = {}
+        """By the camera's height, in steps of ``_HEIGHT_M``."""
+
+    @property
+    def _settings(self) -> RegistrationConfig:
+        return self.config.relocalisation.registration(self.config.registration)
 
     def restart(self) -> None:
         """Forget all hypotheses, and the map's distances."""
         self.hypotheses = []
-        self._grid = None
+        self._past = []
+        self._grids = {}
 
     def move(self, T_last_now: Float[np.ndarray, "4 4"]) -> None:
         """Move all hypotheses by a motion in the camera's axes."""
         for hypothesis in self.hypotheses:
             hypothesis.T_world_camera = hypothesis.T_world_camera @ T_last_now
+        for past in self._past:
+            past.T_then_now = past.T_then_now @ T_last_now
 
     def look(
         self,
         points: FramePoints,
-        T_tilt: Float[np.ndarray, "4 4"],
+        tilts: Sequence[Float[np.ndarray, "4 4"]],
         basis: Float[np.ndarray, "6 k"],
         align: Aligner,
         known: Known,
@@ -84,26 +108,24 @@ class Relocaliser:
 
         Args:
             points: Of the frame.
-            T_tilt: A camera pose with its height and tilt.
+            tilts: Camera poses, each with a height and tilt that it may have.
             basis: Directions of motion, as of :class:`~.registration.Prior`.
             align: The field.
             known: Which of its places can be trusted.
             occupancy: What is free and occupied.
         """
         config = self.config.relocalisation
-        near = FramePoints(*(field[points.camera_m[:, 2] <= config.range_m] for field in _fields(points)))
+        near = FramePoints(*(each[points.camera_m[:, 2] <= config.range_m] for each in _fields(points)))
         if len(near) < config.search_points:
             return None
-        T_level = level(T_tilt)
-        if self._grid is None:
-            margin = config.range_m * 2.0
-            self._grid = distance_grid(occupancy.grid, float(T_level[2, 3]), _FLOOR_M, margin, config)
         deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
         covariance = basis.T @ np.diag(deviations**2) @ basis
         for hypothesis in self.hypotheses:
             self._register(hypothesis, points, covariance, basis, align, known, occupancy)
-        if len(self.hypotheses) < config.candidates:
-            for value, T in search(near, T_level, self._grid, config):
+        is_free = basis.shape[1] == len(basis)
+        for T_tilt in tilts if len(self.hypotheses) < config.candidates else ():
+            T_level = level(T_tilt)
+            for value, T in search(near, T_level, self._grid(occupancy, float(T_level[2, 3]), is_free), config):
                 if value > config.most_distance_m:
                     break
                 fresh = Hypothesis(T)
@@ -111,12 +133,33 @@ class Relocaliser:
                 if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
                     self.hypotheses.append(fresh)
         self._prune()
+        self._past = [*self._past, _PastFrame(points)][-_PAST_FRAMES:]
         believed = self._believed()
-        if believed is not None and self._is_local(believed, points, covariance, basis, align, known):
+        # Without odometry nobody knows where a camera in the hand was before.
+        while believed is not None and not is_free:
+            missed = self._past[: -believed.num_frames]
+            if not missed:
+                break
+            for past in missed:
+                prior = Prior(believed.T_world_camera @ np.linalg.inv(past.T_then_now), covariance, basis)
+                found = register(past.points, prior, align, known, self._settings)
+                believed.score += self._score(past.points, found, occupancy)
+            believed.num_frames += len(missed)
+            believed = self._believed()
+        if believed is not None and self._is_local(believed, points, covariance, basis, align, known, occupancy):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
             return None
         return believed
+
+    def _grid(self, occupancy: DepthOccupancy, height_m: float, is_free: bool) -> DistanceGrid:
+        """The map's distances for cameras at a height; below one that moves freely, there may be anything."""
+        step = round(height_m / _HEIGHT_M)
+        if step not in self._grids:
+            config = self.config.relocalisation
+            floor_m = height_m if is_free else _FLOOR_M
+            self._grids[step] = distance_grid(occupancy.grid, height_m, floor_m, config.range_m * 2.0, config)
+        return self._grids[step]
 
     def _is_local(
         self,
@@ -126,10 +169,10 @@ class Relocaliser:
         basis: Float[np.ndarray, "6 k"],
         align: Aligner,
         known: Known,
+        occupancy: DepthOccupancy,
     ) -> bool:
         """Whether a frame fits better a step aside, where the hypothesis then goes."""
-        config = self.config.relocalisation
-        settings = config.registration(self.config.registration)
+        config, settings = self.config.relocalisation, self._settings
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
         here = best = register(points, prior, align, known, settings)
         for axis in range(2):
@@ -138,8 +181,14 @@ class Relocaliser:
                 other = register(points, prior, align, known, settings, start=start)
                 best = min(best, other, key=lambda each: each.cost)
         change = camera_motion(here.T_world_camera, best.T_world_camera)
+        if np.linalg.norm(change[:3]) <= _ASIDE_M:
+            hypothesis.T_world_camera = best.T_world_camera
+            return False
+        # The field alone may fit better where the walls do not: what decides between places decides here too.
+        if self._score(points, best, occupancy) <= self._score(points, here, occupancy):
+            return False
         hypothesis.T_world_camera = best.T_world_camera
-        return bool(np.linalg.norm(change[:3]) > _ASIDE_M)
+        return True
 
     def _register(
         self,
@@ -152,14 +201,18 @@ class Relocaliser:
         occupancy: DepthOccupancy,
     ) -> None:
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
-        found = register(points, prior, align, known, self.config.relocalisation.registration(self.config.registration))
-        fits = agreement(points, found.T_world_camera, occupancy)
+        found = register(points, prior, align, known, self._settings)
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
+        hypothesis.score += self._score(points, found, occupancy)
+        hypothesis.num_frames += 1
+
+    def _score(self, points: FramePoints, found: Registration, occupancy: DepthOccupancy) -> float:
+        """How well a frame fits where it was registered, in [0, 1]."""
+        fits = agreement(points, found.T_world_camera, occupancy)
         # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
         certain = min(1.0, fits.known / self.config.relocalisation.least_known)
         # Rooms of one shape are told apart by their colours, which light changes.
-        hypothesis.score += certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
-        hypothesis.num_frames += 1
+        return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
 
     def _prune(self) -> None:
         """Keep the best, one of each place."""

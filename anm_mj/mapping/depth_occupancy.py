@@ -9,6 +9,7 @@ two.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
@@ -145,6 +146,20 @@ class DepthOccupancy:
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
         self._kernels.carve(self.voxels, view, low, high, self._num_frames)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
+
+    def rebuild(self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]]) -> None:
+        """Forget all voxels and fuse these depth images, cameras and poses: what was carved cannot be moved.
+
+        The count of frames goes on; what is known of the sensor's noise stays.
+        """
+        empty = {name: np.zeros_like(array) for name, array in self.voxels._asdict().items()}
+        empty |= {"seen_range_m": np.full_like(self.voxels.seen_range_m, np.inf), "corner": self.voxels.corner}
+        noise = self.noise.array()
+        self.voxels = VoxelArrays(**empty)
+        for view in views:
+            self.integrate(*view)
+        self.noise.set_array(noise)
+        self.voxels = self.voxels._replace(column_version=np.full_like(self.voxels.column_version, self._num_frames))
 
     def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """State of the voxels that hold world points; UNKNOWN outside the grid."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int64
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
@@ -139,6 +139,28 @@ class Field:
         else:
             self._failures = 0 if num_iterations else self._failures
         return MapUpdate(loss, done, len(self.keyframes))
+
+    def move_keyframes(self, from_end: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
+        """As of :class:`~.neural_map.NeuralMap`; the last frame goes with the last keyframe, which it is."""
+        self.keyframes.move(len(self.keyframes) - from_end, T_world_camera)
+        if self._last is not None and 1 in from_end:
+            self._last = replace(self._last, T_world_camera=T_world_camera[from_end.tolist().index(1)])
+
+    def retrain(self, count: int, grid: OccupancyGrid) -> int:
+        """Train on the keyframes as they stand now, after they were moved; the number of iterations.
+
+        None where nothing was observed, or where the loss was not finite and the field is as it was before.
+        """
+        if self._last is None or not count:
+            return 0
+        self._keep_or_restore(self._last.step)
+        try:
+            for _ in self._train(self._last, count, grid, first=False):
+                pass
+        except _NotFinite as err:
+            self._restore(f"The loss of the training on moved keyframes became {err}")
+            return 0
+        return count
 
     def finish(self, grid: OccupancyGrid) -> int:
         """Train on the keyframes once more, at falling learning rates, when no frame is to come.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, Shaped
+from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.packed_pixels import PIXEL, pack, ray_batches
@@ -160,6 +160,11 @@ class KeyframeStore:
         pixels = np.concatenate((keyframes.pixels, rest[0]))
         self._start = np.concatenate((np.zeros(1, np.int64), np.cumsum(np.append(keyframes.num_pixels, rest[1]))))
         self._fill(pixels, np.concatenate((keyframes.cameras, rest[2])))
+
+    def move(self, keyframes: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
+        """Give some keyframes other poses; their rays are drawn from there."""
+        self._cameras = self._cameras.copy()
+        self._cameras[keyframes, -12:] = T_world_camera[:, :3].reshape(-1, 12)
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels and cameras, for a checkpoint."""

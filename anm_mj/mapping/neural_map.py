@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.expected_error import expected_errors
+from anm_mj.mapping.expected_error import CONSTANT_M, expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
@@ -104,6 +105,25 @@ class NeuralMap:
                 self._prior.forget_contradicted(self.field.keyframes, by_depth.grid, by_depth.voxels.corner)
         return self.field.learn(observation, by_depth.grid, effort)
 
+    def move_keyframes(self, from_end: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
+        """Give keyframes other poses; training follows.
+
+        Args:
+            from_end: Which, counted from the last one, which is 1: of a prior run some may have gone.
+            T_world_camera: Camera to world.
+        """
+        self.field.move_keyframes(from_end, T_world_camera)
+
+    def rebuild(
+        self,
+        views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]],
+        iterations: int,
+    ) -> None:
+        """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often."""
+        self.occupancy.by_depth.rebuild(views)
+        self.field.retrain(iterations, self.occupancy.by_depth.grid)
+        self._start_readers()
+
     def finish(self) -> int:
         """Train on the keyframes once more, when no frame is to come; the number of iterations."""
         done = self.field.finish(self.occupancy.by_depth.grid)
@@ -143,6 +163,11 @@ class NeuralMap:
         """
         points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m, max_height_m)
         return SurfacePoints(points, normals, self.uncertainty(points))
+
+    def expected_error_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """How far the surface at world points on it [m] is expected to lie from the true one [m], the constant too."""
+        exponent = self.config.schedule.density_exponent
+        return expected_errors(self.backend, self.occupancy.by_depth, points_m, exponent).error_m + CONSTANT_M
 
     def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
         """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.expected_error`)."""

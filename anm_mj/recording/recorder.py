@@ -24,7 +24,7 @@ from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.write import writing
-from anm_mj.localisation.localiser import PoseEstimate
+from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.recording.config import RecordConfig
 from anm_mj.recording.run_log import RunLog
 from anm_mj.types import Action, ActionResult, ExploredState, MapUpdate, Observation, Plan, Pose2, TrueView
@@ -107,13 +107,13 @@ class RunRecorder:
     def written_since(self, step: int) -> list[Path]:
         """The logs, and the depth images after a step: what must be on the disk before a checkpoint counts."""
         self.flush()
-        new = range(step + 1, len(self.poses))
+        new = range(step + 1, self.log.num_frames)
         logs = [log.path for log in (*self.log.files, self._curve_file)]
         return [*logs, *(self.folder.depth(each) for each in new)]
 
     @property
     def poses(self) -> list[Pose2]:
-        """Poses of the base so far."""
+        """Poses of the base so far, without those of frames whose pose was not known."""
         self.flush()
         return self.log.poses
 
@@ -138,7 +138,9 @@ class RunRecorder:
         where = observation if true is None else true
         depth_mm = reduce_depth(where.depth_m)
         self.background.submit(lambda: self.log.observation(observation, true, depth_mm, estimate))
-        frame = observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose
+        is_lost = estimate is not None and estimate.state is TrackingState.LOST
+        believed = None if is_lost else observation.pose
+        frame = observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose, believed
         self.background.submit(lambda: self._cover(lambda: self.curve.frame(*frame)))
 
     def _cover(self, add_frame: Callable[[], CurveRow | None]) -> None:

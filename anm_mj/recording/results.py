@@ -99,14 +99,14 @@ class ReturnFacts(NamedTuple):
 
     steps: int | None
     """Steps of the return; None where it did not begin one."""
-    distance_m: float
-    """From the last pose to the first one [m]."""
+    distance_m: float | None
+    """From the last known pose to the first one [m]; None where none was known."""
 
     @classmethod
-    def of(cls, poses: list[Pose2], explored_steps: int | None) -> ReturnFacts:
-        """The return of a run, from its poses and the number of steps before it; None = there was none."""
-        steps = None if explored_steps is None else len(poses) - 1 - explored_steps
-        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m))
+    def of(cls, poses: list[Pose2], num_steps: int, explored_steps: int | None) -> ReturnFacts:
+        """The return of a run, from its poses, its steps, and the steps before it; None = there was none."""
+        steps = None if explored_steps is None else num_steps - explored_steps
+        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m) if poses else None)
 
 
 def load_writers(recorder: RunRecorder) -> None:

@@ -20,7 +20,7 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence_poses import time_text
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
-from anm_mj.localisation.localiser import PoseEstimate
+from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.recording.config import RecordConfig
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, TrueView
 
@@ -60,12 +60,18 @@ class RunLog:
         self._steps, self._plans, self._frames, self._trajectory = (
             LineWriter(path, sizes.get(path.name)) for path in logs
         )
+        self._num_frames = 0
         self._poses: list[Pose2] = []
         self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
 
     @property
+    def num_frames(self) -> int:
+        """Number of observations so far."""
+        return self._num_frames
+
+    @property
     def poses(self) -> list[Pose2]:
-        """Poses of the base so far."""
+        """Poses of the base so far, without those of frames whose pose was not known."""
         return self._poses
 
     @property
@@ -90,7 +96,7 @@ class RunLog:
             fit: How well the frame fits the map of those before it, by name; None = that was not looked at.
             depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
         """
-        if not self._poses:
+        if not self._num_frames:
             _write_camera(self._folder.camera, observation)
         if depth_mm is None:
             depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
@@ -116,12 +122,15 @@ class RunLog:
                 "known": estimate.quality.known,
                 "inliers": estimate.quality.inliers,
                 "bound": estimate.quality.bound,
+                "covariance_xy_m2": [estimate.covariance[0, 0], estimate.covariance[0, 1], estimate.covariance[1, 1]],
             }
         if fit is not None:
             line["fit"] = fit
         self._frames.json(line)
-        self._trajectory.line(tum_line(observation.time_s, observation.pose))
-        self._poses.append(observation.pose)
+        self._num_frames += 1
+        if estimate is None or estimate.state is TrackingState.TRACKING:
+            self._trajectory.line(tum_line(observation.time_s, observation.pose))
+            self._poses.append(observation.pose)
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """Record an executed action; ``pose`` is the pose after it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -39,9 +39,13 @@ LEGEND = (
     ("Voronoi graph", palette.GRAPH),
     ("region of interest", palette.REGION),
     ("trajectory", palette.TRAJECTORY),
-    ("path, target", palette.PATH),
+    ("path", palette.PATH),
+    ("target", palette.TARGET),
     ("robot", palette.CAMERA),
 )
+
+
+TRUTH = ("true", palette.TRUE)
 
 
 class FilmError(AnmError):
@@ -112,7 +116,7 @@ def film_frames(
     surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
     map_panel = MapPanel(*_bounds(timeline, mesh))
     far_m = _far_m(timeline)
-    background = _background()
+    background = _background((*LEGEND, TRUTH) if timeline.true_xy_m is not None else LEGEND)
     shown, plan, reason = -1, PlanRecord(EMPTY_PATH), ""
     for index, (frame, rgb) in enumerate(zip(run.frames, pictures(run, scene), strict=True)):
         on_progress(index + 1, total)
@@ -123,12 +127,14 @@ def film_frames(
             shown, plan, reason = decided, timeline.plan(decided), run.plans[decided].get("reason", "")
             map_panel.decide(plan)
         target = plan.path_xy_m[-1] if len(plan.path_xy_m) else None
-        trajectory = timeline.xy_m[: index + 1]
+        trajectory, is_lost = timeline.xy_m[: index + 1], timeline.is_lost[: index + 1]
+        true = None if timeline.true_xy_m is None else timeline.true_xy_m[: index + 1]
+        ellipse = timeline.ellipse_m(index)
         panels = (
             colour_panel(rgb, frame, run.intrinsics, target),
             depth_panel(run.depth_mm(frame), far_m, run.intrinsics),
-            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target),
-            surface.draw(index, trajectory) if surface else _no_surface(),
+            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse),
+            surface.draw(index, trajectory, is_lost) if surface else _no_surface(),
         )
         yield np.asarray(_composed(background, panels, timeline.title, _status(timeline, index), reason))
 
@@ -151,15 +157,15 @@ def _composed(
     return image
 
 
-def _background() -> Image.Image:
-    """What is the same in every frame of every film: the legend."""
+def _background(legend: Sequence[tuple[str, str]]) -> Image.Image:
+    """What is the same in every frame of a film: the legend."""
     image = Image.new("RGB", (WIDTH_PX, HEIGHT_PX), "white")
     draw = ImageDraw.Draw(image)
     x, y = float(GAP_PX + 2), HEIGHT_PX - FOOT_PX // 2
-    for name, colour in LEGEND:
+    for name, colour in legend:
         draw.rectangle([x, y - 6, x + 12, y + 6], colour, "#8a8a8a")
         draw.text((x + 18, y), name, "#23262b", font(14), anchor="lm")
-        x += 18 + draw.textlength(name, font(14)) + 18
+        x += 18 + draw.textlength(name, font(14)) + 14
     return image
 
 
@@ -167,7 +173,16 @@ def _status(timeline: Timeline, index: int) -> str:
     name, values = timeline.coverage
     steps = timeline.steps
     covered = "" if math.isnan(values[index]) else f"   {values[index]:.1f} % {COVERAGE_OF[name]}"
-    return f"step {steps[index]} of {steps[-1]}{covered}"
+    return f"{_pose_words(timeline, index)}step {steps[index]} of {steps[-1]}{covered}"
+
+
+def _pose_words(timeline: Timeline, index: int) -> str:
+    """How far the believed place is from the true one."""
+    if timeline.is_lost[index]:
+        return "LOST   "
+    if timeline.true_xy_m is None:
+        return ""
+    return f"error {100.0 * math.dist(timeline.xy_m[index], timeline.true_xy_m[index]):.1f} cm   "
 
 
 def _cut(text: str, draw: ImageDraw.ImageDraw) -> str:
@@ -190,7 +205,7 @@ def _no_surface() -> Image.Image:
 
 def _bounds(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Corners of what the map panel shows: all that is known at the end."""
-    points = [timeline.xy_m]
+    points = [timeline.xy_m[~timeline.is_lost], *([] if timeline.true_xy_m is None else [timeline.true_xy_m])]
     if mesh is not None:
         points.append(mesh.vertices_m[:, :2].astype(np.float64))
     known = (timeline.plan(k).topdown for k in reversed(range(len(timeline.run.plans))))

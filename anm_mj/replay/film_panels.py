@@ -7,7 +7,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from jaxtyping import Float, UInt8, UInt16
+from jaxtyping import Bool, Float, UInt8, UInt16
 from PIL import Image, ImageDraw, ImageFont
 
 from anm_mj.io.plan_file import PlanRecord
@@ -113,17 +113,44 @@ class MapPanel:
         yaw_rad: float,
         path_xy_m: Float[np.ndarray, "k 2"],
         target_xy_m: Float[np.ndarray, "2"] | None,
+        true_xy_m: Float[np.ndarray, "n 2"] | None = None,
+        is_lost: Bool[np.ndarray, " n"] | None = None,
+        ellipse_m: Float[np.ndarray, "3"] | None = None,
     ) -> Image.Image:
-        """The panel at a frame."""
+        """The panel at a frame.
+
+        Args:
+            trajectory_xy_m: Where the robot believed to be up to now, world [m].
+            yaw_rad: Its heading.
+            path_xy_m: The planned path, world [m].
+            target_xy_m: Where that ends.
+            true_xy_m: Where it truly was; None where it believed that.
+            is_lost: At which frames it did not know where it was; None = at none.
+            ellipse_m: Half axes of its uncertainty [m] and the direction of the longer one [rad].
+        """
         image = self._base.copy()
         draw = ImageDraw.Draw(image)
-        for line, colour, width in ((trajectory_xy_m, palette.TRAJECTORY, 6), (path_xy_m, palette.PATH, 5)):
+        lines = [(each, palette.TRAJECTORY, 6) for each in known_pieces(trajectory_xy_m, is_lost)]
+        if true_xy_m is not None:
+            lines.insert(0, (true_xy_m, palette.TRUE, 2))
+            lines.append((true_xy_m, palette.TRUE, 2))
+        for line, colour, width in (*lines, (path_xy_m, palette.PATH, 5)):
             if len(line) > 1:
                 draw.line([tuple(point) for point in self._px(line).tolist()], colour, width, "curve")
         if target_xy_m is not None:
             ((x, y),) = self._px(target_xy_m[None]).tolist()
             draw.ellipse([x - 11, y - 11, x + 11, y + 11], palette.TARGET, "white", 3)
-        self._draw_robot(draw, trajectory_xy_m[-1], yaw_rad)
+        if is_lost is None or not is_lost[-1]:
+            self._draw_robot(draw, trajectory_xy_m[-1], yaw_rad)
+            if ellipse_m is not None:
+                turn = np.linspace(0.0, 2.0 * np.pi, 49)
+                c, s = np.cos(ellipse_m[2]), np.sin(ellipse_m[2])
+                ring = np.stack([ellipse_m[0] * np.cos(turn), ellipse_m[1] * np.sin(turn)], axis=1)
+                ring = trajectory_xy_m[-1] + ring @ np.array([[c, s], [-s, c]])
+                draw.line([tuple(point) for point in self._px(ring).tolist()], palette.PATH, 3, "curve")
+        if true_xy_m is not None:
+            ((x, y),) = self._px(true_xy_m[-1:]).tolist()
+            draw.ellipse([x - 6, y - 6, x + 6, y + 6], None, palette.TRUE, 3)
         return image.reduce(SUPERSAMPLING)
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> None:
@@ -149,6 +176,16 @@ class MapPanel:
         return np.stack([x, self._side_px - y], axis=1)
 
 
+def known_pieces(
+    xy_m: Float[np.ndarray, "n 2"], is_lost: Bool[np.ndarray, " n"] | None
+) -> list[Float[np.ndarray, "k 2"]]:
+    """A trajectory without the frames at which the robot was lost: the pieces between them."""
+    if is_lost is None or not is_lost.any():
+        return [xy_m]
+    known = np.flatnonzero(~is_lost)
+    return [xy_m[each] for each in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(each)]
+
+
 class SurfacePanel:
     """The growing mesh with the robot and its trajectory."""
 
@@ -160,17 +197,22 @@ class SurfacePanel:
         self._low_m = (low + high) / 2.0 - side_px * self._metres_per_px / 2.0
         self._view = ObliqueView(mesh, self._low_m, self._metres_per_px, (side_px, side_px), rgb_of("#f3f4f6"))
 
-    def draw(self, frame: int, trajectory_xy_m: Float[np.ndarray, "n 2"]) -> Image.Image:
+    def draw(
+        self, frame: int, trajectory_xy_m: Float[np.ndarray, "n 2"], is_lost: Bool[np.ndarray, " n"] | None = None
+    ) -> Image.Image:
         """The panel at a frame; to be asked for in order."""
         image = Image.fromarray(self._view.at(frame))
         draw = ImageDraw.Draw(image)
-        floor = np.concatenate([trajectory_xy_m, np.zeros((len(trajectory_xy_m), 1))], axis=1)
-        x, y = ((project(floor) - self._low_m) / self._metres_per_px).T
-        line = list(zip(x.tolist(), (image.height - y).tolist(), strict=True))
-        if len(line) > 1:
-            draw.line(line, palette.TRAJECTORY, 5, "curve")
-        (x, y), r = line[-1], 13
-        draw.ellipse([x - r, y - r, x + r, y + r], palette.CAMERA, "white", 3)
+        line: list[tuple[float, float]] = []
+        for piece in known_pieces(trajectory_xy_m, is_lost):
+            floor = np.concatenate([piece, np.zeros((len(piece), 1))], axis=1)
+            x, y = ((project(floor) - self._low_m) / self._metres_per_px).T
+            line = list(zip(x.tolist(), (image.height - y).tolist(), strict=True))
+            if len(line) > 1:
+                draw.line(line, palette.TRAJECTORY, 5, "curve")
+        if line and (is_lost is None or not is_lost[-1]):
+            (x, y), r = line[-1], 13
+            draw.ellipse([x - r, y - r, x + r, y + r], palette.CAMERA, "white", 3)
         return image.reduce(SUPERSAMPLING)
 
 

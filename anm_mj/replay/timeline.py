@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.curve_file import read_curve
@@ -48,6 +49,27 @@ class Timeline:
     def xy_m(self) -> Float[np.ndarray, "n 2"]:
         """Place of the base at each frame, world [m], as the robot believed it."""
         return np.array([frame.pose.xy_m for frame in self.run.frames])
+
+    @cached_property
+    def true_xy_m(self) -> Float[np.ndarray, "n 2"] | None:
+        """Where the base truly was at each frame, world [m]; None where the robot believed just that."""
+        true = np.array([frame.true_pose.xy_m for frame in self.run.frames])
+        return None if np.array_equal(true, self.xy_m) else true
+
+    @cached_property
+    def is_lost(self) -> Bool[np.ndarray, " n"]:
+        """At which frames the robot did not know where it was."""
+        return np.array([frame.is_lost for frame in self.run.frames])
+
+    def ellipse_m(self, index: int) -> Float[np.ndarray, "3"] | None:
+        """Half axes [m] and direction of the longer one [rad] of a frame's position within 2 standard deviations."""
+        covariance = self.run.frames[index].covariance_xy_m2
+        if covariance is None:
+            return None
+        xx, xy, yy = covariance
+        values, vectors = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+        short, long = 2.0 * np.sqrt(np.maximum(values, 0.0))
+        return np.array([long, short, math.atan2(vectors[1, 1], vectors[0, 1])])
 
     @cached_property
     def plan_of_frame(self) -> Int[np.ndarray, " n"]:

@@ -1,8 +1,10 @@
 """Notices a camera that has stopped measuring, and keeps what it gives then out of the map.
 
-A frame that cannot be true is handed on without depth: one without any, a black one of a camera that had colours, one
-that repeats the last although the robot moved, one of another shape, one without a pose. The map and the policies then
-learn nothing from it. So many of them in a row end the run. Single pixels that nothing beside them agrees with are left
+A frame that cannot be true is handed on without depth: one without any although the map expects some
+(:mod:`anm_mj.sensing.expected_view`), a black one of a camera that had colours, one that repeats the last although the
+robot moved, one of another shape, one without a pose. The map and the policies then learn nothing from it. So many of
+them in a row end the run. To see nothing where nothing is expected, such as beyond an edge, is a measurement; a whole
+turn without any depth is a fault all the same. Single pixels that nothing beside them agrees with are left
 out, and a jump of the pose is undone where the map says that the robot did not jump
 (:mod:`anm_mj.sensing.pose_check`).
 """
@@ -10,18 +12,25 @@ out, and a jump of the pose is undone where the map says that the robot did not 
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import astuple, replace
 
 import numpy as np
 
-from anm_mj.sensing.pixel_state import find_outliers, is_measured, judge_pixels
+from anm_mj.sensing.expected_view import ExpectedView, GridQuery, expected_view
+from anm_mj.sensing.pixel_state import FAR_SHARE, find_outliers, is_measured, judge_pixels
 from anm_mj.sensing.pose_check import PoseCheck
-from anm_mj.types import Action, Intrinsics, Observation, SdfQuery
+from anm_mj.types import TURN_STEP_RAD, Action, Intrinsics, Observation, SdfQuery
 
 _logger = logging.getLogger(__name__)
 
 PATIENCE_FRAMES = 12
 """This many faulty frames in a row make a fault."""
+FULL_TURN_FRAMES = round(math.tau / TURN_STEP_RAD)
+"""This many frames in a row without depth make a fault whatever the map expects: the robot has looked around."""
+EXPECTED_SHARE = 0.1
+"""A frame without depth is faulty where the map expects surface in this share of it. Less may be the error of a voxel
+at an edge."""
 FEW_FRAMES = 3
 """One frame without depth may show a wall that is too near; after this many, nothing is known of the surroundings."""
 BLACK_LEVEL = 8
@@ -31,9 +40,10 @@ MANY_OUTLIERS = 0.002
 SAY_AGAIN_FRAMES = 50
 """A fault that comes and goes is said again after so many faulty frames."""
 
-BLIND, REPEATED, BLACK, SHAPE, POSE, SPECKLED = "blind", "repeated", "black", "shape", "pose", "speckled"
+BLIND, NOTHING, REPEATED, BLACK = "blind", "nothing", "repeated", "black"
+SHAPE, POSE, SPECKLED = "shape", "pose", "speckled"
 _FIRST = {
-    BLIND: "Frame %d holds no depth.",
+    BLIND: "Frame %d holds no depth, although the map expects some; it is left out of the map.",
     REPEATED: "Frame %d repeats the last one although the robot moved.",
     BLACK: "Frame %d is black; it is left out of the map.",
     SHAPE: "Frame %d has another size than the camera's first one; it is left out of the map.",
@@ -41,6 +51,7 @@ _FIRST = {
     SPECKLED: "Frame %d holds depth that no pixel beside it agrees with; such pixels are left out of the map.",
 }
 _FAULT = {
+    NOTHING: "The camera measured no depth in {} frames in a row",
     BLIND: "The camera measured no depth in {} frames in a row",
     REPEATED: "The camera gave the same image {} times although the robot moved",
     BLACK: "The camera gave black images in {} frames in a row",
@@ -56,7 +67,11 @@ class SensorMonitor:
         """Start before the first frame."""
         self._in_a_row = dict.fromkeys(_FAULT, 0)
         self._num_faulty = dict.fromkeys(_FIRST, 0)
-        self._has_measured = False
+        self._farthest_m = 0.0
+        """Largest depth that was measured by more than single pixels [m]; 0 before the first."""
+        self._expected: ExpectedView | None = None
+        """Of the last frame without depth."""
+        self._sees = False
         self._has_colour = False
         self._camera: tuple[int | float, ...] = ()
         """The intrinsics of the first frame, as numbers; empty before it."""
@@ -66,16 +81,33 @@ class SensorMonitor:
     @property
     def is_blind(self) -> bool:
         """Whether the camera has measured nothing yet, or nothing in the last few frames."""
-        unusable = max(self._in_a_row.values())
+        unusable = max(count for kind, count in self._in_a_row.items() if kind != NOTHING)
         return not self._has_measured or unusable >= FEW_FRAMES
+
+    @property
+    def sees(self) -> bool:
+        """Whether the last frame tells what lies ahead; else the robot must not drive forward."""
+        return self._sees
+
+    @property
+    def _has_measured(self) -> bool:
+        return self._farthest_m > 0.0
 
     @property
     def fault(self) -> str | None:
         """What is wrong with the camera, as the beginning of a sentence; None while nothing is."""
         for kind, sentence in _FAULT.items():
-            if self._in_a_row[kind] >= PATIENCE_FRAMES:
-                return sentence.format(self._in_a_row[kind] + (kind == REPEATED))
+            if self._in_a_row[kind] >= (FULL_TURN_FRAMES if kind == NOTHING else PATIENCE_FRAMES):
+                told = sentence.format(self._in_a_row[kind] + (kind == REPEATED))
+                return told + self._expectation() if kind in (NOTHING, BLIND) else told
         return None
+
+    def _expectation(self) -> str:
+        """What a frame without depth was held against, as the end of a sentence."""
+        if self._expected is None:
+            return ", and none before"
+        share, within_m = self._expected
+        return f"; the last time, the map expected surface within {within_m:.1f} m in {share:.0%} of the view"
 
     def check(
         self,
@@ -84,6 +116,7 @@ class SensorMonitor:
         action: Action | None = None,
         moved: bool = False,
         sdf_m: SdfQuery | None = None,
+        grid_at: GridQuery | None = None,
         judges_pose: bool = True,
     ) -> Observation:
         """Take a frame in.
@@ -93,6 +126,7 @@ class SensorMonitor:
             action: what the robot did since the last one; None for nothing, or unknown.
             moved: whether it moved, or turned, by that.
             sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
+            grid_at: occupancy before this frame, which tells whether there was anything to see; None: there was.
             judges_pose: whether a pose that is not where the action led is a jump; False where localisation judges it.
 
         Returns:
@@ -105,9 +139,16 @@ class SensorMonitor:
         if not self._count(SHAPE, _has_shape_of(observation, self._camera), observation):
             observation, faulty = _blank(observation, self._camera), True
         has_depth = bool(is_measured(observation.depth_m).any())
-        self._has_measured |= has_depth and not faulty
+        if has_depth and not faulty:
+            self._farthest_m = max(self._farthest_m, _far_m(observation))
         # A frame that was blanked here counts once, for its own reason.
-        if not self._count(BLIND, has_depth or faulty, observation):
+        self._count(NOTHING, has_depth or faulty, observation)
+        nothing = not (has_depth or faulty)
+        if nothing and self._expects_nothing(observation, grid_at):
+            # It neither proves the camera nor accuses it.
+            self._last, self._sees = raw, True
+            return judge_pixels(self._pose.check(observation, action if moved else None, None, judges=judges_pose))
+        if not self._count(BLIND, not nothing, observation):
             faulty = True
         same = moved and self._last is not None and has_depth and _is_same_image(self._last, raw)
         if moved and not self._count(REPEATED, not same, observation):
@@ -116,13 +157,23 @@ class SensorMonitor:
         self._has_colour |= not black
         if not self._count(BLACK, not black or not self._has_colour or faulty, observation):
             faulty = True
-        self._last = raw
+        self._last, self._sees = raw, not faulty
         judge = None if faulty else sdf_m
         observation = self._pose.check(observation, action if moved else None, judge, judges=judges_pose)
         if faulty:
             observation = replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
             return judge_pixels(observation)
         return self._without_outliers(observation)
+
+    def _expects_nothing(self, observation: Observation, grid_at: GridQuery | None) -> bool:
+        """Whether the map knows of nothing that the camera should measure in a frame without depth."""
+        self._expected = None
+        if grid_at is None or not self._has_measured:
+            return False
+        # At the end of its range a camera loses surface, and where that end is, it need not say.
+        within_m = FAR_SHARE * min(observation.range_m, self._farthest_m)
+        self._expected = expected_view(observation, within_m, grid_at)
+        return self._expected.share < EXPECTED_SHARE
 
     def _count(self, kind: str, good: bool, observation: Observation) -> bool:
         """Count a frame as good or faulty in one way, say so now and then, and return whether it is good."""
@@ -134,9 +185,9 @@ class SensorMonitor:
         return False
 
     def _say(self, kind: str, observation: Observation) -> None:
-        if self._num_faulty[kind] % SAY_AGAIN_FRAMES == 0:
+        if kind in _FIRST and self._num_faulty[kind] % SAY_AGAIN_FRAMES == 0:
             _logger.warning(_FIRST[kind], observation.step)
-        self._num_faulty[kind] += 1
+        self._num_faulty[kind] = self._num_faulty.get(kind, 0) + 1
 
     def _without_outliers(self, observation: Observation) -> Observation:
         """The judged frame, without outliers if it has too many of them for a camera."""
@@ -152,6 +203,12 @@ def _is_same_image(a: Observation, b: Observation) -> bool:
     if not np.array_equal(a.rgb[:8], b.rgb[:8]):
         return False
     return np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth_m, b.depth_m, equal_nan=True)
+
+
+def _far_m(observation: Observation) -> float:
+    """A depth that a hundredth of the measured pixels exceed [m]."""
+    depth_m = observation.depth_m
+    return float(np.quantile(depth_m[is_measured(depth_m)], 0.99))
 
 
 def _has_pose(observation: Observation) -> bool:

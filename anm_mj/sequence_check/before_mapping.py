@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from anm_mj.errors import ConfigError
 from anm_mj.io.sequence import Sequence
 from anm_mj.sequence_check.apply import corrected_sequence
 from anm_mj.sequence_check.check import Verdict, check
-from anm_mj.sequence_check.correction import Correction
+from anm_mj.sequence_check.correction import Correction, combined
 from anm_mj.sequence_check.evidence import gather
 from anm_mj.sequence_check.report import explanation, options
 
@@ -44,19 +44,30 @@ class BeforeMapping:
                     f"{sequence.path} has no poses; leave out what corrects them ({', '.join(sorted(wrong))})."
                 )
             return corrected_sequence(sequence, self.given), up
-        sequence = corrected_sequence(sequence, self.given)
-        evidence = gather(sequence)
+        # A convention and axes are found in place of the given ones, all else on top.
+        before = replace(self.given, convention=Correction.convention, axes=Correction.axes)
+        prepared = corrected_sequence(sequence, before)
+        evidence = gather(prepared)
         if evidence is None:
-            return sequence, up
-        self.verdict = check(evidence, depth_unit_m=sequence.depth_unit_m, up=None if self.keeps_up else up)
-        self._say(sequence)
-        if self.fix and self.verdict.findings:
-            correction = self.verdict.correction
-            self.applied = tuple(options(correction, sequence))
-            return corrected_sequence(sequence, correction), correction.up or up
-        return sequence, up
+            return corrected_sequence(sequence, self.given), up
+        self.verdict = check(
+            evidence,
+            depth_unit_m=prepared.depth_unit_m,
+            up=None if self.keeps_up else up,
+            start=Correction(self.given.convention, self.given.axes),
+        )
+        if not self.verdict.findings:
+            self._say(sequence, [])
+            return corrected_sequence(sequence, self.given), up
+        correction = combined(before, self.verdict.correction)
+        words = options(correction, sequence, self.given)
+        self._say(sequence, words)
+        if not self.fix:
+            return corrected_sequence(sequence, self.given), up
+        self.applied = tuple(words)
+        return corrected_sequence(sequence, correction), correction.up or up
 
-    def _say(self, sequence: Sequence) -> None:
+    def _say(self, sequence: Sequence, words: list[str]) -> None:
         assert self.verdict is not None, "the sequence was judged"
         for finding in self.verdict.findings:
             shares = (
@@ -64,9 +75,9 @@ class BeforeMapping:
             )
             after = "" if finding.kind == "up" else f"; {shares} with it"
             _logger.warning("%s does not fit together: %s%s.", sequence.path, explanation(finding), after)
-        if self.verdict.findings:
-            words = " ".join(options(self.verdict.correction, sequence))
-            _logger.warning("This puts it right: %s%s.", words, " (applied, --fix)" if self.fix else ", or --fix")
+        if words:
+            done = " (applied, --fix)" if self.fix else ", or --fix"
+            _logger.warning("This puts it right: %s%s.", " ".join(words), done)
         if self.verdict.contradicts:
             _logger.warning(
                 "Depth and poses of %s contradict each other: only %.0f %% of the points that frames share fit, and "

@@ -92,16 +92,19 @@ class Verdict:
         return self.corrected.fitting < _CONTRADICTS
 
 
-def check(evidence: Evidence, *, depth_unit_m: float, up: str | None = None) -> Verdict:
+def check(
+    evidence: Evidence, *, depth_unit_m: float, up: str | None = None, start: Correction | None = None
+) -> Verdict:
     """Judge a sequence by the frames that were read of it.
 
     Args:
         evidence: The frames.
         depth_unit_m: Metres per unit of its depth images, as stated.
         up: The axis that is taken to point up; None = that is no question.
+        start: What is corrected already; the verdict's correction includes it.
     """
     judge = Judge(evidence)
-    correction, findings = Correction(), []
+    correction, findings = start or Correction(), []
     first = misfit = judge.misfit(correction)
     for strictness in _ROUNDS:
         best = _best_finding(judge, correction, misfit, strictness)

@@ -91,6 +91,25 @@ class Correction:
         return {name: value for name, value in asdict(self).items() if value != default[name]}
 
 
+def combined(before: Correction, found: Correction) -> Correction:
+    """One correction for two: what was found in images and times that one before had put right.
+
+    Args:
+        before: Changes no convention, no axes and no up.
+        found: On top of it.
+    """
+    return replace(
+        found,
+        pose_scale=before.pose_scale * found.pose_scale,
+        depth_scale=before.depth_scale * found.depth_scale,
+        focal_scale=before.focal_scale * found.focal_scale,
+        ray_depth=before.ray_depth != found.ray_depth,
+        mirrored=before.mirrored != found.mirrored,
+        time_offset_s=before.time_offset_s + found.time_offset_s,
+        colour_offset_s=before.colour_offset_s + found.colour_offset_s,
+    )
+
+
 def axes_matrix(axes: str) -> Float64[np.ndarray, "3 3"]:
     """Takes coordinates in the stated camera axes to x right, y down, z forward."""
     return np.array([_DIRECTIONS[letter] for letter in axes]).T

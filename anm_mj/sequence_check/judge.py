@@ -10,7 +10,8 @@ from jaxtyping import Float64, Int64
 
 from anm_mj.sequence_check.correction import Correction, at_times, converted, corrected_camera, inverse, with_axes
 from anm_mj.sequence_check.misfit import RIM_WEIGHT, Misfit, colour_misfit, misfit, rim_misfit
-from anm_mj.sequence_check.views import Surfaces, View, surfaces
+from anm_mj.sequence_check.surfaces import Images, Surfaces, surfaces
+from anm_mj.sequence_check.views import View
 from anm_mj.types import Intrinsics
 
 
@@ -34,10 +35,10 @@ class Judge:
     def __init__(self, evidence: Evidence) -> None:
         """Nothing is computed before it is asked for."""
         self.evidence = evidence
-        self._views = [list(evidence.views), [_mirrored(view) for view in evidence.views]]
-        self._grey = [np.stack([view.grey for view in views]) for views in self._views]
+        self._images = functools.lru_cache(maxsize=2)(self._stacked)
         self._shown = functools.lru_cache(maxsize=4)(self._surfaces)
         self._poses = functools.lru_cache(maxsize=4)(self._all_poses)
+        self._turned = functools.lru_cache(maxsize=4)(self._poses_of_views)
         self._index = np.array([view.index for view in evidence.views])
 
     def misfit(self, correction: Correction, *, thin: bool = False) -> Misfit:
@@ -51,7 +52,6 @@ class Judge:
         poses = self.view_poses(correction)
         return misfit(
             self.shown(correction),
-            self._grey[correction.mirrored],
             pairs,
             inverse(poses[pairs[:, 1]]) @ poses[pairs[:, 0]],
         )
@@ -65,10 +65,9 @@ class Judge:
         )
         to = inverse(colour)
         one, other = pairs[:, 0], pairs[:, 1]
-        grey, shown = self._grey[correction.mirrored], self.shown(correction)
-        steep = np.stack([view.steep for view in self._views[correction.mirrored]])
-        rim = rim_misfit(shown, steep, to @ depth)
-        pair = colour_misfit(shown, grey, pairs, to[one] @ depth[one], to[other] @ depth[one])
+        shown = self.shown(correction)
+        rim = rim_misfit(shown, to @ depth)
+        pair = colour_misfit(shown, pairs, to[one] @ depth[one], to[other] @ depth[one])
         return pair + RIM_WEIGHT * rim[one]
 
     def shown(self, correction: Correction) -> Surfaces:
@@ -77,12 +76,7 @@ class Judge:
 
     def view_poses(self, correction: Correction) -> Float64[np.ndarray, "v 4 4"]:
         """Poses of the views' cameras in units of the stated depth."""
-        evidence = self.evidence
-        poses = self._poses(correction.convention, correction.axes)
-        if correction.time_offset_s == 0.0:
-            found = poses[self._index].copy()
-        else:
-            found = at_times(poses, evidence.times_s, evidence.times_s[self._index] + correction.time_offset_s)
+        found = self._turned(correction.convention, correction.axes, correction.time_offset_s).copy()
         found[:, :3, 3] *= correction.pose_scale / correction.depth_scale
         return found
 
@@ -92,7 +86,16 @@ class Judge:
 
     def _surfaces(self, focal_scale: float, ray_depth: bool, mirrored: bool) -> Surfaces:
         camera = corrected_camera(self.evidence.camera, Correction(focal_scale=focal_scale))
-        return surfaces(self._views[mirrored], camera, ray_depth=ray_depth)
+        return surfaces(self._images(mirrored), camera, ray_depth=ray_depth)
+
+    def _stacked(self, mirrored: bool) -> Images:
+        return Images([_mirrored(view) if mirrored else view for view in self.evidence.views])
+
+    def _poses_of_views(self, convention: str, axes: str, time_offset_s: float) -> Float64[np.ndarray, "v 4 4"]:
+        poses, times = self._poses(convention, axes), self.evidence.times_s
+        if time_offset_s == 0.0:
+            return poses[self._index]
+        return at_times(poses, times, times[self._index] + time_offset_s)
 
     def _all_poses(self, convention: str, axes: str) -> Float64[np.ndarray, "n 4 4"]:
         return with_axes(converted(self.evidence.poses, convention), axes)

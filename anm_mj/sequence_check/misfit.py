@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
-from anm_mj.sequence_check.views import Surfaces
+from anm_mj.sequence_check.surfaces import Surfaces
 from anm_mj.types import Intrinsics
 
 SLACK = 0.004
@@ -30,6 +30,9 @@ RIM_WEIGHT = 0.5
 """Of the cost of steps in depth against that of colours."""
 OUTSIDE = 0.5
 """Cost of a point that the other frame says nothing of."""
+SEEN = 0.3
+"""Colour is judged by the points within the image, as long as they are such a share: else offsets that lead out of it
+would seem worse than they are."""
 BEHIND = 0.05
 """A point that lies behind the seen surface by a larger share of depth may be hidden."""
 FITS = 3.0
@@ -60,7 +63,6 @@ class Carried(NamedTuple):
 
 def misfit(
     shown: Surfaces,
-    grey: Float32[np.ndarray, "v h w"],
     pairs: Int64[np.ndarray, "d 2"],
     T_b_a: Float64[np.ndarray, "d 4 4"],
 ) -> Misfit:
@@ -68,7 +70,6 @@ def misfit(
 
     Args:
         shown: The frames' surfaces.
-        grey: Their grey values.
         pairs: Indices of two frames.
         T_b_a: From the camera of the first to that of the second.
     """
@@ -78,15 +79,12 @@ def misfit(
     at = project(points, camera)
     col, row = _pixel(at.x, camera.width), _pixel(at.y, camera.height)
     frame = np.broadcast_to(other[:, None], col.shape)
-    surface_z = shown.depth_m[frame, row, col]
+    surface_z, normal, cosine, deviation = shown.planes(frame, row, col)
     inside = at.inside & np.isfinite(surface_z)
-    normal = shown.normal[frame, row, col]
-    ray_x = (col.astype(np.float32) + np.float32(0.5) - np.float32(camera.cx)) / np.float32(camera.fx)
-    ray_y = (row.astype(np.float32) + np.float32(0.5) - np.float32(camera.cy)) / np.float32(camera.fy)
-    cosine = normal[..., 0] * ray_x + normal[..., 1] * ray_y + normal[..., 2]
     with np.errstate(invalid="ignore"):
-        distance = np.abs((normal * points).sum(axis=-1) - cosine * surface_z)
-        noise = shown.deviation_m[frame, row, col] * cosine
+        across = normal[..., 0] * points[..., 0] + normal[..., 1] * points[..., 1] + normal[..., 2] * points[..., 2]
+        distance = np.abs(across - cosine * surface_z)
+        noise = deviation * cosine
         slack = np.float32(SLACK) * surface_z
         deviations = distance / np.sqrt(2.0 * noise * noise + slack * slack)
         behind = points[..., 2] - surface_z > BEHIND * surface_z
@@ -94,7 +92,7 @@ def misfit(
         hidden = behind & (cost > OUTSIDE)
         cost[hidden] = OUTSIDE
     told = inside & ~hidden
-    between = sampled_grey(grey, frame, at.x, at.y)
+    between = sampled_grey(shown.images.grey, frame, at.x, at.y)
     difference = np.abs(between - shown.grey[one]) / np.float32(COLOUR_DEVIATION)
     colour = np.where(told, _kernel(difference, MOST_COLOUR_DEVIATIONS), np.float32(OUTSIDE))
     cost = np.where(inside, cost, np.float32(OUTSIDE))
@@ -114,7 +112,6 @@ def misfit(
 
 def colour_misfit(
     shown: Surfaces,
-    grey: Float32[np.ndarray, "v h w"],
     pairs: Int64[np.ndarray, "d 2"],
     T_a_colour: Float64[np.ndarray, "d 4 4"],
     T_b_colour: Float64[np.ndarray, "d 4 4"],
@@ -123,7 +120,6 @@ def colour_misfit(
 
     Args:
         shown: The frames' surfaces.
-        grey: Their grey values.
         pairs: Indices of two frames; the points are those of the first one's depth.
         T_a_colour: From the depth camera of the first frame to the camera of its colour.
         T_b_colour: From the same to the camera of the second one's colour.
@@ -133,28 +129,25 @@ def colour_misfit(
     values, inside = [], np.isfinite(stated[..., 0])
     for frames, transform in ((one, T_a_colour), (other, T_b_colour)):
         at = project(carry(stated, transform), shown.camera)
-        values.append(sampled_grey(grey, np.broadcast_to(frames[:, None], at.x.shape), at.x, at.y))
+        values.append(sampled_grey(shown.images.grey, np.broadcast_to(frames[:, None], at.x.shape), at.x, at.y))
         inside &= at.inside
     difference = np.abs(values[0] - values[1]) / np.float32(COLOUR_DEVIATION)
-    cost = np.where(inside, _kernel(difference, MOST_COLOUR_DEVIATIONS), np.float32(OUTSIDE))
-    return masked_mean(cost, np.isfinite(stated[..., 0]))
+    return _mean_of_seen(_kernel(difference, MOST_COLOUR_DEVIATIONS), inside, np.isfinite(stated[..., 0]))
 
 
-def rim_misfit(
-    shown: Surfaces, steep: Float32[np.ndarray, "v h w"], T_colour: Float64[np.ndarray, "v 4 4"]
-) -> Float64[np.ndarray, " v"]:
+def rim_misfit(shown: Surfaces, T_colour: Float64[np.ndarray, "v 4 4"]) -> Float64[np.ndarray, " v"]:
     """Mean cost of steps in depth that are imaged where colour changes little, by view; a half without any step.
 
     Args:
         shown: The frames' surfaces.
-        steep: Ranks of the gradients of their grey values.
         T_colour: From the depth camera of each to the camera of its colour.
     """
     at = project(carry(shown.rim_m, T_colour), shown.camera)
     row, col = _pixel(at.y, shown.camera.height), _pixel(at.x, shown.camera.width)
+    steep = shown.images.steep
     frame = np.arange(len(steep))[:, None]
-    cost = np.where(at.inside, 1.0 - steep[frame, row, col], np.float32(OUTSIDE))
-    return np.nan_to_num(masked_mean(cost, np.isfinite(shown.rim_m[..., 0])), nan=0.5)
+    cost = _mean_of_seen(1.0 - steep[frame, row, col], at.inside, np.isfinite(shown.rim_m[..., 0]))
+    return np.nan_to_num(cost, nan=OUTSIDE)
 
 
 def carry(points_m: Float32[np.ndarray, "d n 3"], T_b_a: Float64[np.ndarray, "d 4 4"]) -> Float32[np.ndarray, "d n 3"]:
@@ -197,6 +190,16 @@ def masked_mean(values: np.ndarray, known: Bool[np.ndarray, "d n"]) -> Float64[n
     count = known.sum(axis=1)
     total = np.where(known, values, 0.0).sum(axis=1, dtype=np.float64)
     return total / np.where(count, count, np.nan)
+
+
+def _mean_of_seen(
+    cost: np.ndarray, seen: Bool[np.ndarray, "d n"], known: Bool[np.ndarray, "d n"]
+) -> Float64[np.ndarray, " d"]:
+    """Means of rows over seen entries, filled up with ``OUTSIDE`` to a share of the known ones; NaN without any."""
+    count, enough = seen.sum(axis=1), SEEN * known.sum(axis=1)
+    total = np.where(seen, cost, 0.0).sum(axis=1, dtype=np.float64) + OUTSIDE * np.maximum(enough - count, 0.0)
+    most = np.maximum(count, enough)
+    return total / np.where(most > 0.0, most, np.nan)
 
 
 def medians(values: np.ndarray) -> Float64[np.ndarray, " d"]:

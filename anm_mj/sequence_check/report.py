@@ -9,27 +9,35 @@ from anm_mj.sequence_check.check import Finding, Verdict
 from anm_mj.sequence_check.correction import AXES_NAMES, Correction
 
 
-def options(correction: Correction, sequence: Sequence) -> list[str]:
-    """The options that apply a correction to the sequence as it was judged."""
+def options(correction: Correction, sequence: Sequence, given: Correction) -> list[str]:
+    """The options that apply a correction, of those that differ from the given ones.
+
+    Args:
+        correction: To the sequence as its files state it.
+        sequence: As its files state it.
+        given: What the command line says already.
+    """
     words = []
-    if correction.convention != Correction.convention:
+    if correction.convention != given.convention:
         words.append(f"--poses {correction.convention}")
-    if correction.axes != Correction.axes:
+    if correction.axes != given.axes:
         words.append(f"--axes {correction.axes}")
-    if correction.mirrored:
-        words.append("--mirrored")
-    if correction.ray_depth:
-        words.append("--ray-depth")
-    if correction.depth_scale != 1.0:
+    for name, now, then in (
+        ("--mirrored", correction.mirrored, given.mirrored),
+        ("--ray-depth", correction.ray_depth, given.ray_depth),
+    ):
+        if now != then:
+            words.append(name if now else f"no {name}")
+    if correction.depth_scale != given.depth_scale:
         words.append(f"--depth-unit {sequence.depth_unit_m * correction.depth_scale:.6g}")
-    if correction.pose_scale != 1.0:
+    if correction.pose_scale != given.pose_scale:
         words.append(f"--pose-scale {correction.pose_scale:.4g}")
-    if correction.focal_scale != 1.0:
+    if correction.focal_scale != given.focal_scale:
         k, scale = sequence.intrinsics, correction.focal_scale
         words.append(f"--camera {k.fx * scale:.5g},{k.fy * scale:.5g},{k.cx:.5g},{k.cy:.5g}")
-    if correction.time_offset_s:
+    if correction.time_offset_s != given.time_offset_s:
         words.append(f"--time-offset={correction.time_offset_s:.3f}")
-    if correction.colour_offset_s:
+    if correction.colour_offset_s != given.colour_offset_s:
         words.append(f"--colour-offset={correction.colour_offset_s:.3f}")
     if correction.up is not None:
         words.append(f"--up={correction.up}")
@@ -41,11 +49,12 @@ def explanation(finding: Finding) -> str:
     found = finding.correction
     name = AXES_NAMES.get(found.axes, found.axes)
     poses = {
+        "camera-to-world": "the poses are of the camera in the world",
         "world-to-camera": "the poses are inverse (of the world in the camera)",
         "conjugate": "the rotations of the poses are the other way round (conjugated quaternions)",
         "scalar-first": "the quaternions are written w x y z",
         "scalar-first-inverse": "the poses are inverse, with quaternions written w x y z",
-    }.get(found.convention, "")
+    }[found.convention]
     return {
         "poses": poses,
         "axes": f"the camera axes are {found.axes} ({name})"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.sequence_check.views import Surfaces
+from anm_mj.sequence_check.surfaces import Surfaces
 
 _AXES = {
     "z": (0.0, 0.0, 1.0),
@@ -61,14 +61,12 @@ def _climbs(xyz: Float64[np.ndarray, "n 3"], stated: Float64[np.ndarray, "3"], b
 
 
 def floor_share(shown: Surfaces, poses: Float64[np.ndarray, "v 4 4"], up: Float64[np.ndarray, "3"]) -> float:
-    """Share of the seen pixels that face up and lie below the camera."""
+    """Share of the seen points that face up and lie below the camera."""
     in_camera = np.einsum("vij,i->vj", poses[:, :3, :3], up).astype(np.float32)
-    camera = shown.camera
-    u = (np.arange(camera.width, dtype=np.float32) + 0.5 - camera.cx) / camera.fx
-    v = (np.arange(camera.height, dtype=np.float32) + 0.5 - camera.cy) / camera.fy
-    known = np.isfinite(shown.depth_m)
+    known = np.isfinite(shown.points_m[..., 0])
+    row, col = np.moveaxis(shown.images.points, -1, 0)
+    normal = shown.planes(np.arange(len(row))[:, None], row, col).normal
     with np.errstate(invalid="ignore"):
-        faces = np.einsum("vhwj,vj->vhw", shown.normal, in_camera) > _LEVEL
-    a, b, c = (in_camera[:, axis, None, None] for axis in range(3))
-    below = a * u[None, None, :] + b * v[None, :, None] + c < 0.0
+        faces = np.einsum("vnj,vj->vn", normal, in_camera) > _LEVEL
+        below = np.einsum("vnj,vj->vn", shown.points_m, in_camera) < 0.0
     return float((faces & below & known).sum() / max(known.sum(), 1))

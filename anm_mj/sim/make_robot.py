@@ -37,6 +37,7 @@ def make_robot(
     config: SimulationConfig | None = None,
     *,
     start: Pose2 | None = None,
+    knows_start: bool = True,
     anticipates: bool = False,
     forgets_textures: bool = False,
     **options: Any,
@@ -47,6 +48,7 @@ def make_robot(
         scene: the world.
         config: what the robot is made of; None = the defaults.
         start: start pose; None = the one of the configuration.
+        knows_start: as of :class:`~.sim_robot.SimRobot`.
         anticipates: whether it may render the next image while the present one is worked on, where there are cores for
             both and the drive knows where it will be; the images are the same.
         forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
@@ -117,6 +119,7 @@ def make_robot(
         robot_hash=description.hash,
         sensor=config.sensor,
         seed=config.seed,
+        knows_start=knows_start,
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import pose_matrix
+from anm_mj.frames import pose_matrix, relative_pose
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
@@ -40,6 +40,7 @@ class SimRobot:
         robot_hash: str = "",
         sensor: SensorConfig | None = None,
         seed: int = 0,
+        knows_start: bool = True,
     ):
         """Combine the parts.
 
@@ -54,6 +55,7 @@ class SimRobot:
             robot_hash: identifies the robot.
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
+            knows_start: whether odometry begins at the true pose; else it begins at zero, wherever the robot stands.
         """
         self.model = model
         self.data = data
@@ -67,6 +69,8 @@ class SimRobot:
         self._sensor_config = sensor or SensorConfig()
         self._sensor = Sensor(self._sensor_config, seed)
         self._odometry = NoisyOdometry(self._sensor_config, seed)
+        self._origin: Pose2 | None = None if knows_start else drive.pose
+        """Where odometry begins at zero; None = it begins at the true pose."""
         self._looked: tuple[Observation, Float32[np.ndarray, "h w"]] | None = None
         """The last observation, and the exact depth at its time [m]."""
         self.step = 0
@@ -101,7 +105,8 @@ class SimRobot:
     @property
     def odometry(self) -> Pose2:
         """Pose of the base by wheel odometry, with the errors of the sensor."""
-        return self._odometry.read(self._drive.odometry)
+        believed = self._odometry.read(self._drive.odometry)
+        return believed if self._origin is None else relative_pose(self._origin, believed)
 
     def observe(self) -> Observation:
         """The view from the present pose, with true poses or poses by wheel odometry.
@@ -201,6 +206,7 @@ class SimRobot:
         """Move the robot to a pose without driving, at rest and without a collision test."""
         self._drive.place(pose)
         self._odometry.restart()
+        self._origin = None if self._origin is None else pose
 
     def get_state(self) -> Float[np.ndarray, " n"]:
         """The simulation's state, for a checkpoint: all that its next step depends on."""

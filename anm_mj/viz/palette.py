@@ -5,8 +5,10 @@ from __future__ import annotations
 UNKNOWN, WALL = "#c6c3bd", "#3a3a3f"
 NEAR, CLEAR = "#d7e6f3", "#ffffff"
 """Free space beside an obstacle, and far from all; in grey brighter than the unknown."""
-GRAPH, REGION, TARGET = "#3b8a5a", "#e08a1e", "#c8323c"
+GRAPH, REGION, TARGET = "#3b8a5a", "#e08a1e", "#0a9fd0"
 PATH, TRAJECTORY = "#c8323c", "#7a3fa0"
+TRUE = "#1f1f1f"
+"""The true trajectory, beside the one that the robot believes."""
 ROBOT, CAMERA = "#4a5568", "#2b6ca3"
 START, END = "#1f1f1f", "#2b6ca3"
 RATIO, DISTANCE = "#2b6ca3", "#c8641e"
@@ -24,6 +26,11 @@ LEGEND = (
     ("target", "target", TARGET),
 )
 """Legend of the pages: name of the object, words, colour."""
+TRUTH_LEGEND = (
+    ("truth", "true trajectory", TRUE),
+    ("covariance", "2 sigma of the position", PATH),
+)
+"""What a replay adds for a robot that may be wrong about where it is."""
 
 
 def number(colour: str) -> int:

@@ -173,6 +173,7 @@ def test_options(capsys):
         ["view"],
         ["export"],
         ["map"],
+        ["localise"],
         ["bench"],
         ["doctor"],
         ["completion"],
@@ -239,6 +240,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["view"],
         ["export"],
         ["map"],
+        ["localise"],
         ["robot", "check"],
         ["completion"],
     ):
@@ -261,8 +263,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert read_jobs(place / parsed["file"])
         else:
             assert parsed["file"].is_file()
-    elif words[0] == "map":
-        parse(words)  # tests/test_map_sequence.py maps one.
+    elif words[0] in ("map", "localise"):
+        parse(words)  # tests/test_map_sequence.py and tests/test_localise_images.py execute these.
     elif words[:2] in (["view", "runs/latest"], ["export", "runs/latest"]):
         if len(words) > 2:
             if not (place / words[1]).exists():

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,6 +67,37 @@ def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, caplog, monkeypatch):
     assert warned[0].startswith("The left wheel turned by ")
     assert warned[-1] == "the robot can drive no more (WHEEL_STUCK); the run ends at step 11."
     assert NeuralMap.load(tmp_path / "run" / "map.safetensors").occupancy_grid().state.size > 0
+
+
+LEDGE = """<mujoco><worldbody>
+<geom type="box" size="1.4 .5 .05" pos="-1.1 0 -.05" rgba=".5 .4 .3 1"/>
+<geom type="box" size=".05 .5 1.3" pos="-2.5 0 1.3" rgba=".8 .8 .7 1"/>
+</worldbody></mujoco>"""
+"""A floor with one wall and three open edges."""
+
+
+@pytest.mark.parametrize("blind_from", [None, 6])
+def test_open_edges_are_no_fault_but_a_dead_camera_is(tmp_path, caplog, monkeypatch, blind_from):
+    (tmp_path / "ledge.xml").write_text(LEDGE)
+    scene = import_scene(tmp_path / "ledge.xml", tmp_path / "ledge")
+    observe, blind = SimRobot.observe, []
+
+    def observe_or_not(robot):
+        seen = observe(robot)
+        if blind_from is not None and robot.step >= blind_from:
+            return replace(seen, depth_m=np.full_like(seen.depth_m, np.inf))
+        blind.append(not np.isfinite(seen.depth_m).any())
+        return seen
+
+    monkeypatch.setattr(SimRobot, "observe", observe_or_not)
+    config = configuration(scene.folder, steps=45, start=(0.0, 0.0, 180.0))
+    _, metrics = anm_mj.run.run(config, out=tmp_path / "run")
+    if blind_from is None:
+        assert metrics.stop_reason != "SENSOR_FAULT"
+        assert sum(blind) > 12
+    else:
+        assert metrics.stop_reason == "SENSOR_FAULT"
+        assert "the map expected surface within " in caplog.text
 
 
 class Appearing:

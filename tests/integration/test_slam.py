@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from anm_mj.config import make_config
-from anm_mj.errors import MapError
+from anm_mj.errors import ConfigError, MapError
 from anm_mj.events import Observed, On, Stepped
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.io.curve_file import read_curve
+from anm_mj.io.explored_file import read_explored
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
+from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.run import run
 from anm_mj.sim.sim_robot import SimRobot
@@ -29,8 +32,10 @@ def scene(tmp_path_factory) -> Path:
     return folder
 
 
-def explore(scene, out, *settings, pose="slam", observers=(), steps=STEPS):
-    config = make_config("quick", [*NOISY, *settings], scene=str(scene), pose=pose, steps=steps, seed=3, device="cpu")
+def explore(scene, out, *settings, pose="slam", observers=(), steps=STEPS, **options):
+    config = make_config(
+        "quick", [*NOISY, *settings], scene=str(scene), pose=pose, steps=steps, seed=3, device="cpu", **options
+    )
     return run(config, out=out, observers=observers)[1]
 
 
@@ -51,6 +56,16 @@ def test_the_map_corrects_what_the_wheels_get_wrong(scene, localised, tmp_path):
     frames = read_jsonl(folder / "frames.jsonl")
     assert all(frame["localisation"]["state"] == "TRACKING" for frame in frames)
     assert len((folder / "trajectory_true.tum").read_text().splitlines()) == len(frames)
+
+
+def test_the_curve_says_how_wrong_the_believed_poses_are(localised):
+    curve, frames = read_curve(localised[0] / "curve.csv"), read_run(localised[0]).frames
+    wrong_cm = [100.0 * np.linalg.norm(frame.pose.xy_m - frame.true_pose.xy_m) for frame in frames]
+    assert np.isnan(curve["position_error_cm"][0])  # The first pose is exact.
+    np.testing.assert_allclose(curve["position_error_cm"][1:], np.array(wrong_cm)[curve["step"].astype(int)[1:]])
+    assert 0.0 < curve["position_error_cm"][-1] < 3.0
+    assert (curve["heading_error_deg"][1:] < 2.0).all()
+    assert all(min(frame.covariance_xy_m2[0], frame.covariance_xy_m2[2]) > 0.0 for frame in frames)
 
 
 def test_a_seed_gives_the_same_run_and_an_interrupted_one_goes_on_to_the_same_end(scene, localised, tmp_path):
@@ -98,3 +113,55 @@ def test_a_robot_that_somebody_moved_maps_nothing_until_it_knows_where_it_is(sce
     last = read_run(tmp_path / "run").frames[-1]
     assert np.linalg.norm(last.pose.xy_m - last.true_pose.xy_m) < 0.05
     assert abs(wrap_angle(last.pose.yaw_rad - last.true_pose.yaw_rad)) < 0.02
+
+
+def test_a_robot_that_is_not_told_where_it_starts_finds_itself_before_it_goes_on(scene, localised, tmp_path):
+    seen = []
+    metrics = explore(
+        scene,
+        tmp_path / "run",
+        observers=(On(Observed, seen.append),),
+        steps=50,
+        continue_from=str(localised[0]),
+        unknown_start=True,
+    )
+    found = next(k for k, event in enumerate(seen) if event.estimate.relocalised)
+    assert found < 40
+    assert all(event.estimate.state == "LOST" for event in seen[:found])
+    assert not any(event.update.num_iterations for event in seen[:found])
+    assert all(event.estimate.state == "TRACKING" for event in seen[found:])
+    frames = read_run(tmp_path / "run").frames
+    # It stands elsewhere than the prior run did, and begins at zero.
+    assert frames[0].pose.xy_m.tolist() == [0.0, 0.0]
+    prior = read_run(localised[0]).frames
+    assert np.linalg.norm(frames[0].true_pose.xy_m - prior[0].true_pose.xy_m) > 0.3
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["start"] is not None
+    for frame in frames[found:]:
+        assert np.linalg.norm(frame.pose.xy_m - frame.true_pose.xy_m) < 0.06
+        assert abs(wrap_angle(frame.pose.yaw_rad - frame.true_pose.yaw_rad)) < 0.03
+    assert metrics.position_rmse_cm < 6.0
+    assert metrics.lost_percent == pytest.approx(100.0 * found / len(frames))
+    assert len((tmp_path / "run" / "trajectory.tum").read_text().splitlines()) == len(frames) - found
+
+
+def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_prior_map(scene, localised, tmp_path):
+    never = ["frames=1000", "candidates=1", "search_points=10", "headings=4"]
+    settings = [*(f"localisation.relocalisation.{each}" for each in never), "mapping.schedule.final_iterations=0"]
+    options = {"continue_from": str(localised[0]), "unknown_start": True, "return_to_start": True}
+    metrics = explore(scene, tmp_path / "run", *settings, steps=300, **options)
+    assert metrics.stop_reason == StopReason.LOST
+    assert metrics.steps == metrics.turns < 120
+    assert metrics.lost_percent == 100.0
+    assert metrics.position_rmse_cm is None
+    assert metrics.return_distance_m is None
+    before, after = (read_map(folder / "map.safetensors") for folder in (localised[0], tmp_path / "run"))
+    for name, array in before.parameters.items():
+        np.testing.assert_array_equal(after.parameters[name], array)
+    kept = read_explored(tmp_path / "run" / "explored.safetensors").prior.poses
+    np.testing.assert_array_equal(kept, read_explored(localised[0] / "explored.safetensors").prior.poses)
+
+
+def test_an_unknown_start_needs_a_map_and_localisation(scene, localised, tmp_path):
+    for options in ({"pose": "slam"}, {"pose": "true", "continue_from": str(localised[0])}):
+        with pytest.raises(ConfigError, match="add --continue RUN and --pose slam"):
+            explore(scene, tmp_path / "run", unknown_start=True, **options)

@@ -6,8 +6,9 @@ import pytest
 
 from anm_mj.explore import explore
 from anm_mj.frames import move_pose
+from anm_mj.sensing.expected_view import expected_view
 from anm_mj.sensing.pixel_state import find_outliers
-from anm_mj.sensing.sensor_monitor import PATIENCE_FRAMES, SensorMonitor
+from anm_mj.sensing.sensor_monitor import FULL_TURN_FRAMES, PATIENCE_FRAMES, SensorMonitor
 from anm_mj.types import Action, Intrinsics, Observation, Plan, Pose2, StopReason
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
 from tests.fake_robot import FakeRobot, ListRecorder
@@ -42,6 +43,49 @@ def test_blind_camera_ends_the_run(value: float):
     outcome = outcome_of(with_depth(value), 5, straight_to(4.0, 1.5))
     assert outcome.stop_reason is StopReason.SENSOR_FAULT
     assert outcome.num_steps == 5 + PATIENCE_FRAMES - 1
+
+
+@pytest.mark.parametrize("change", [with_depth(np.nan), with_depth(np.inf)], ids=["nan", "inf"])
+def test_a_blind_robot_turns_instead_of_driving(change, caplog):
+    world, recorder = room(5, 4), ListRecorder()
+    robot = FaultyRobot(world, Pose2(1.0, 1.5, 0.0), change, 5)
+    explore(robot, world, Scripted(straight_to(4.0, 1.5)), num_steps=100, observers=(recorder,))
+    actions = [result.action for _, result, *_ in recorder.steps]
+    assert set(actions[:5]) == {Action.MOVE_FORWARD}
+    assert len(actions) == 16
+    assert Action.MOVE_FORWARD not in actions[5:]
+    assert "in 12 frames in a row; the last time, the map expected surface within 22.5 m in" in caplog.text
+
+
+def test_nothing_is_seen_where_the_map_expects_nothing():
+    """The right half of the world is unknown: looking there is no fault until a whole turn shows nothing."""
+    world = room(5, 4, unknown=[(1.4, 0.0, 5.4, 4.4)])
+    out, back = (FakeRobot(world, Pose2(1.2, 1.5, yaw)).observe() for yaw in (0.0, math.pi))
+    monitor = SensorMonitor()
+    monitor.check(out)
+    for count in range(1, FULL_TURN_FRAMES + 1):
+        kept = monitor.check(with_depth(np.inf)(out), moved=True, grid_at=world.occupancy_grid)
+        assert np.isposinf(kept.depth_m).all()
+        assert monitor.sees
+        assert not monitor.is_blind
+        assert (monitor.fault is None) == (count < FULL_TURN_FRAMES)
+    monitor.check(out, moved=True)
+    assert monitor.fault is None
+    for count in range(1, PATIENCE_FRAMES + 1):
+        monitor.check(with_depth(np.inf)(out), moved=True, grid_at=world.occupancy_grid)
+        kept = monitor.check(with_depth(np.inf)(back), moved=True, grid_at=world.occupancy_grid)
+        assert np.isnan(kept.depth_m).all()
+        assert not monitor.sees
+        assert (monitor.fault is None) == (count < PATIENCE_FRAMES)
+
+
+def test_a_wall_too_near_to_be_measured_is_not_expected():
+    world = room(5, 4)
+    near, far = (FakeRobot(world, Pose2(x_m, 1.5, 0.0)).observe() for x_m in (4.9, 3.9))
+    assert (
+        expected_view(near, 5.0, world.occupancy_grid).share < 0.1 < expected_view(far, 5.0, world.occupancy_grid).share
+    )
+    assert expected_view(far, 1.0, world.occupancy_grid).share == 0.0
 
 
 def test_blind_robot_is_never_complete():

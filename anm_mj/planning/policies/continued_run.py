@@ -46,16 +46,18 @@ class LookingAround:
     def __init__(self, policy: Policy) -> None:
         """Wrap ``policy``."""
         self._policy = policy
+        self._is_first = True
 
     def observe(self, observation: Observation) -> None:
         """Pass an observation on."""
         self._policy.observe(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The policy's decision; a panorama instead of an end before the first action."""
+        """The policy's decision; a panorama instead of an end where it is the first one."""
         plan = self._policy.plan(mapper, observation)
+        is_first, self._is_first = self._is_first, False
         ends = plan.stop in (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET)
-        if not ends or observation.step > 0:
+        if not ends or not is_first:
             return plan
         turns = FieldOfView.of(observation).turns_for_panorama
         reason = f"a look around, because the prior run left nothing to explore ({plan.reason})"

@@ -14,6 +14,10 @@ from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
 from anm_mj.utils.read_file import read_bytes
 
+_NOT_SHOWN = (
+    "Left out, because they stand in a visual scene that the file does not show: the geometries {names}; export them "
+    "in the scene that its <scene> names."
+)
 _SURFACES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
 
 
@@ -24,17 +28,38 @@ def check_collada(src: Path, report: ImportReport) -> MeshFacts:
         SceneError: if the file is no XML, a node stands in itself or is not there, or there is too much in it.
     """
     try:
-        root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
+        text = read_bytes(src, MAX_MESH_MIB)
+        root = ET.fromstring(text)
     except (ET.ParseError, ValueError, OSError, RecursionError) as err:
         raise damaged(src, err) from err
     count = _Count(src, root, report)
     try:
-        placed = [count.of(scene, ()) for scene in _all(root, "visual_scene")]
+        shown, hidden = _visual_scenes(root)
+        placed = [count.of(scene, ()) for scene in shown]
+        geometries = tuple(count.shown)
+        for scene in hidden:
+            count.of(scene, ())
     except RecursionError:
         raise damaged(src, "its nodes are nested too deeply") from None
     check_parts(src, sum(parts for parts, _ in placed))
     check_triangles(src, sum(triangles for _, triangles in placed))
-    return MeshFacts(geometries=tuple(count.shown))
+    for name in list(count.shown)[len(geometries) :]:
+        report.add(_NOT_SHOWN, f"{name!r} of {src.name}")
+    # The library takes a comment for an element.
+    return MeshFacts(geometries=geometries, uneven=b"<!--" in text or text.count(b"<?") > 1)
+
+
+def even_collada(src: Path) -> bytes:
+    """A COLLADA file without comments and processing instructions."""
+    return ET.tostring(ET.fromstring(read_bytes(src, MAX_MESH_MIB)))
+
+
+def _visual_scenes(root: ET.Element) -> tuple[list[ET.Element], list[ET.Element]]:
+    """The scene that the file shows, and its others; all of them where it shows none of its own."""
+    scenes = list(_all(root, "visual_scene"))
+    named = [own.get("url", "").removeprefix("#") for own in _all(root, "instance_visual_scene")]
+    shown = [scene for scene in scenes if scene.get("id", "") in named]
+    return (shown, [scene for scene in scenes if scene not in shown]) if shown else (scenes, [])
 
 
 class _Count:

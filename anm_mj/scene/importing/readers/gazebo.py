@@ -21,12 +21,14 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, NO_MESH, NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
+from anm_mj.scene.importing.readers.own_ground import lacks_ground
 from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_include import FOLDER, part_path, read_world
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
 from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, state_poses
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
+from anm_mj.scene.importing.readers.xacro_file import XACRO
 from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
 
@@ -39,6 +41,7 @@ _SUNK_M = 0.02
 """A ground plane is lowered by this where a floor of the world covers most of it: coplanar surfaces flicker [m]."""
 
 _FALLEN = "Left out, because they lie more than 1 km away: {names}."
+_GROUND = "No floor lies below what stands in {names}: the file's own z = 0 is taken for the ground."
 _SCALED = "Not applied: the scale in the saved state of {names}."
 
 
@@ -46,7 +49,7 @@ def is_gazebo(src: Path) -> bool:
     """Whether a file is a Gazebo world or model, or a folder a Gazebo model."""
     if os.path.isdir(src):
         return os.path.isfile(src / "model.config") and model_file(src) is not None
-    return src.suffix.lower() in (".world", ".sdf")
+    return src.name.lower().removesuffix(XACRO).endswith((".world", ".sdf"))
 
 
 def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
@@ -75,6 +78,7 @@ class _Reader:
         """How links can move, by the name of their part."""
         self._deleted: set[str] = set()
         """Names of the world's models that its saved state has deleted."""
+        self._name = file.name
         self._places = places
         self._report = report
         self._budget = TriangleBudget(file)
@@ -92,6 +96,12 @@ class _Reader:
                 self._report.add(_SCALED, scaled.get("name", "a model"))
         # A file with a model instead of a world holds one part.
         self._read_scope(Scope(world, np.eye(4), state_poses(world), ""), "")
+        if self._submeshes and not self._grounds:
+            vertices, faces = merge_geometry(self._submeshes)
+            if lacks_ground(vertices[faces]):
+                self._report.add(_GROUND, self._name)
+                ground = plane_submesh((2.0 * _FAR_M, 2.0 * _FAR_M), np.array([0.0, 0.0, 1.0]), "ground")
+                self._grounds.append((ground, Material(PLAIN_RGB)))
         return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
 
     def _read_scope(self, scope: Scope, part: str) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.gltf_file import GltfFile, colour_slot, open_gltf
-from anm_mj.scene.importing.readers.import_limits import check_parts, check_triangles
+from anm_mj.scene.importing.readers.import_limits import MAX_TRIANGLES, check_parts, check_triangles
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
 from anm_mj.scene.importing.readers.texture_file import UNDECODABLE, find_texture
@@ -109,6 +109,9 @@ def _check_place(gltf: GltfFile, accessor: dict[str, Any]) -> None:
     for value in (accessor["count"], accessor.get("byteOffset", 0), view.get("byteOffset", 0)):
         if type(value) is not int or value < 0:
             raise ValueError(f"an accessor has a count or an offset of {value!r}")
+    if "bufferView" not in accessor and accessor["count"] > 3 * MAX_TRIANGLES:
+        # The library makes as many zeros as it states.
+        raise ValueError(f"an accessor states {accessor['count']} elements, and no buffer view holds them")
     element = _BYTES[accessor["componentType"]] * _NUMBERS[accessor["type"]]
     if not element <= view.get("byteStride", element) <= _MAX_STRIDE:
         raise ValueError(f"elements of {element} bytes are stored every {view['byteStride']!r} bytes")

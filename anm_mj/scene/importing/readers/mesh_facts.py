@@ -20,9 +20,10 @@ class MeshFacts(NamedTuple):
     geometries: tuple[str, ...] = ()
     """COLLADA: the ids of the geometries that its scene shows."""
     uneven: bool = False
-    """OBJ, glTF: whether it has to be rewritten before it is read
+    """OBJ, glTF, COLLADA: whether it has to be rewritten before it is read
     (:func:`anm_mj.scene.importing.readers.obj_check.even_text`,
-    :func:`anm_mj.scene.importing.readers.gltf_file.even_gltf`)."""
+    :func:`anm_mj.scene.importing.readers.gltf_file.even_gltf`,
+    :func:`anm_mj.scene.importing.readers.collada_check.even_collada`)."""
 
 
 def damaged(src: Path, reason: object) -> SceneError:

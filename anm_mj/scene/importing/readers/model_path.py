@@ -114,11 +114,18 @@ def _named_places(name: str, folder: Path, folders: Sequence[Path]) -> list[Path
     return [root / name for root in (*own, *folders, *beside)]
 
 
+def uri_name(uri: str) -> str:
+    """The name of the model that a URI means, as far as it is known without its files; the URI where it names none."""
+    parts = [unquote(part) for part in uri.split("/") if part]
+    at = parts.index("models") + 1 if "models" in parts[:-1] and uri.lower().startswith(("http", "fuel")) else -1
+    return parts[at] if parts else uri
+
+
 def _fuel_places(uri: str, folders: Sequence[Path]) -> list[Path]:
     """Where a model of the Fuel server, or a file in one, is in folders that have been downloaded.
 
-    Addresses are https://SERVER/VERSION/OWNER/models/NAME[/VERSION[/files/PATH]]; Fuel's own cache writes names in
-    small letters and keeps each version in a subfolder.
+    Addresses are https://SERVER/VERSION/OWNER/models/NAME[/VERSION[/files/PATH]]; they mean the same in small and large
+    letters. Fuel's own cache writes names in small letters and keeps each version in a subfolder.
     """
     try:
         parts = [unquote(part) for part in urlparse(uri).path.split("/") if part]
@@ -130,14 +137,26 @@ def _fuel_places(uri: str, folders: Sequence[Path]) -> list[Path]:
     inside = rest[rest.index("files") + 1 :] if "files" in rest else []
     found = []
     for root in folders:
-        for called in dict.fromkeys((name, name.lower(), name.replace(" ", "_"))):
-            model = root / called
+        for model in _folders_called(root, name):
             if os.path.isdir(model):
                 versions = [path for path in model.glob("*") if path.name.isdecimal()]
                 for place in (model, *sorted(versions, key=lambda path: -int(path.name))):
                     if inside or model_file(place) is not None:
                         found.append(place.joinpath(*inside))
     return found
+
+
+def _folders_called(root: Path, name: str) -> list[Path]:
+    """The folder of a name, then those that differ from it in the case of letters or in blanks."""
+
+    def plain(called: str) -> str:
+        return called.lower().replace(" ", "_")
+
+    try:
+        alike = sorted(entry.name for entry in os.scandir(root) if plain(entry.name) == plain(name))
+    except OSError:
+        alike = []
+    return [root / called for called in dict.fromkeys((name, *alike))]
 
 
 def model_file(folder: Path) -> Path | None:

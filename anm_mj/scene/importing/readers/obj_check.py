@@ -19,6 +19,8 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _NOT_READ = (b"surf ", b"fo ", b"bzp ", b"bsp ", b"call ")
 """Keywords of free-form surfaces, of obsolete faces, and of other files."""
 _LIBRARY = re.compile(rb"(?m)^mtllib +(.*)$")
+_MAX_CORNERS = 10_000
+"""Cutting a polygon takes time that grows with the square of its corners."""
 _BEYOND = 1e-6
 """A triangle of a fan is turned around by more than this share of the polygon where the fan reaches beyond it."""
 _VERTEX_ZERO = re.compile(rb"\s0+(?:/|\s|$)")
@@ -47,6 +49,12 @@ def check_obj(src: Path, report: ImportReport) -> MeshFacts:
                     f"{src}, line {number}: a vertex has {len(line.split()) - 1} numbers instead of 3: export it again."
                 )
             elif line.startswith(b"f "):
+                corners = len(line.split()) - 1
+                if corners > _MAX_CORNERS:
+                    raise SceneError(
+                        f"{src}, line {number}: a face has {corners} corners, but faces end at {_MAX_CORNERS}: export "
+                        "it with triangles."
+                    )
                 if b" 0" in line and _VERTEX_ZERO.search(line):
                     raise SceneError(
                         f"{src}, line {number}: a face names vertex 0, but OBJ counts from 1: export it again."

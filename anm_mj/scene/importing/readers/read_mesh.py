@@ -15,6 +15,7 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.bake_colours import bake_colours
+from anm_mj.scene.importing.readers.collada_check import even_collada
 from anm_mj.scene.importing.readers.gltf_file import even_gltf
 from anm_mj.scene.importing.readers.import_limits import check_textures
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
@@ -76,7 +77,7 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
     try:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
         neighbours = MeshNeighbours(src, report)
-        even = even_text if src.suffix.lower() == ".obj" else even_gltf
+        even = {".obj": even_text, ".dae": even_collada}.get(src.suffix.lower(), even_gltf)
         content = io.BytesIO(even(src)) if facts.uneven else src
         loaded = trimesh.load_scene(content, src.suffix[1:], process=False, resolver=neighbours)
         if facts.draco:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import NO_SHAPE, ImportReport
-from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file
+from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, uri_name
+from anm_mj.scene.importing.readers.xacro_file import XACRO, expanded
 from anm_mj.utils.read_file import read_bytes
 
 FOLDER = "anm_mj_folder"
@@ -73,16 +74,18 @@ class _Includes:
         at = list(parent).index(include)
         parent.remove(include)
         uri = (include.findtext("uri") or "").strip()
-        name = uri.rstrip("/").rpartition("/")[2] or uri
+        name = uri_name(uri)
+        # Gazebo's own come under several names; Fuel's "Ground Plane" is "ground_plane" of the former model database.
+        standard = name.lower().replace(" ", "_")
         found = find_uri(uri, folder, self._places, self._report)
         file = None if found is None else model_file(found)
         # The file may be linked from elsewhere.
         file = None if file is None else self._places.first([file], folder, self._report)
         if file is None:
-            if name == "ground_plane":
+            if standard == "ground_plane":
                 parent.insert(at, ET.fromstring(_GROUND_PLANE))
             # Gazebo's sun is a light.
-            elif name != "sun":
+            elif standard != "sun":
                 self._report.add(_NO_MODEL, name)
             return
         if file.samefile(self._file):
@@ -112,7 +115,8 @@ class _Includes:
 def _parse(file: Path) -> ET.Element:
     try:
         # Gazebo reads a file with blank lines before its declaration too.
-        return ET.fromstring(read_bytes(file).lstrip())
+        content = expanded(file) if file.suffix.lower() == XACRO else read_bytes(file)
+        return ET.fromstring(content.lstrip())
     except ET.ParseError as err:
         raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:

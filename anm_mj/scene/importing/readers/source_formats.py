@@ -31,6 +31,19 @@ class SceneFormat:
     """Reads a source, given folders to look for models in; reports what it must leave out."""
 
 
+_CONVERTERS = {
+    (".ifc", ".ifczip"): "a building model: `IfcConvert {name} {stem}.glb` of IfcOpenShell converts it",
+    (".usd", ".usda", ".usdc", ".usdz"): "a USD stage: import it in Blender, and export it as {stem}.glb",
+    (".blend",): "a Blender file: export it there as {stem}.glb (File, Export, glTF 2.0)",
+    (".fbx", ".3ds", ".x3d", ".wrl"): "a model that Blender reads: import it there, and export it as {stem}.glb",
+    (".sh3d",): "a Sweet Home 3D file: export it there as {stem}.obj (3D view, Export to OBJ format)",
+    (".skp",): "a SketchUp file: export it there as {stem}.dae or {stem}.glb",
+    (".step", ".stp", ".iges", ".igs", ".fcstd"): "a CAD model: open it in FreeCAD, and export it as {stem}.glb",
+    (".svg", ".dxf", ".dwg"): "a drawing: draw its walls up in a modeller such as Blender, and export it as {stem}.glb",
+}
+"""What files of other formats are, by suffix, and how they are converted."""
+
+
 def _read_mjcf(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
     from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf  # Loads MuJoCo.
 
@@ -83,6 +96,9 @@ def find_format(src: Path, name: str = "auto") -> SceneFormat:
             f"{src} is a folder of no format that can be imported: give a scene's own folder of Gibson, Matterport3D, "
             "HM3D or Replica, or a file in it."
         )
+    for suffixes, what in _CONVERTERS.items():
+        if src.suffix.lower() in suffixes:
+            raise SceneError(f"{src} is {what.format(name=src.name, stem=src.stem)}, and import that.")
     raise SceneError(
         f"{src} is in no format that can be imported: give a mesh file ({', '.join(MESH_SUFFIXES)}), a Gazebo world "
         "(.world, .sdf), a MuJoCo world (.xml), a scene of a Habitat data set (.scene_instance.json) or a floor plan "

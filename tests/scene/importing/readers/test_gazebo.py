@@ -1,10 +1,13 @@
 import math
+import sys
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 
+from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.source_formats import find_format
 from tests.scene.furnished import looks_at_the_poster, poster
@@ -159,7 +162,7 @@ def test_the_unit_of_a_collada_mesh_counts_and_its_up_axis_does_not(tmp_path):
     write_model(tmp_path / "models", "poster", content, _poster_files())
     src = write_world(tmp_path / "worlds" / "w.world", "<include><uri>model://poster</uri></include>")
     parts, said = read_parts(src)
-    assert not said
+    assert said == ["No floor lies below what stands in w.world: the file's own z = 0 is taken for the ground."]
     assert np.allclose(bounds_of(parts), [[-1, 0, 0], [1, 0, 2]], atol=1e-4)
 
 
@@ -277,3 +280,46 @@ def test_what_a_world_says_beside_its_models_is_said_to_be_left_out(tmp_path):
         "Of several worlds the first is taken; left out: other.",
         "Left out, because such shapes cannot be imported: <robot> of robot.urdf, <box> of inside_out_v.",
     ]
+
+
+@pytest.mark.parametrize("name", ["Ground Plane", "ground_plane"])
+def test_the_ground_and_the_sun_of_the_fuel_server_are_built_in(tmp_path, name):
+    server = "https://fuel.gazebosim.org/1.0/Owner/models"
+    include = f"<include><uri>{server}/{name}/2</uri></include><include><uri>{server}/Sun</uri></include>"
+    parts, said = read_parts(write_world(tmp_path / "w.sdf", ROOM + include))
+    assert not said
+    assert np.allclose(bounds_of(parts)[0], [-0.1, -0.1, 0.0])
+    assert any(np.ptp(part.vertices_m[:, 2]) == 0.0 for part in parts)
+
+
+def test_an_address_of_the_fuel_server_means_a_folder_in_any_letters(tmp_path):
+    write_model(tmp_path / "models", "Poster Stand", "", _poster_files())
+    mesh = "https://fuel.gazebosim.org/1.0/owner/models/poster%20stand/1/files/meshes/p.obj"
+    stand = f"<model name='m'><link name='l'><visual name='v'><geometry><mesh><uri>{mesh}</uri></mesh></geometry>"
+    parts, _ = read_parts(write_world(tmp_path / "w.sdf", GROUND + stand + "</visual></link></model>"))
+    assert [part.name for part in parts] == ["p.obj"]
+
+
+def test_a_model_without_its_ground_stands_on_z_0(tmp_path):
+    low = ROOM.replace("0 0 1.25 0 0 0", "0 0 0.4 0 0 0").replace("2.5</size>", "0.8</size>")
+    parts, said = read_parts(
+        write_world(tmp_path / "w.sdf", low + box("table", "<pose>3 2 0.35 0 0 0</pose>", "2 2 0.7"))
+    )
+    assert said == ["No floor lies below what stands in w.sdf: the file's own z = 0 is taken for the ground."]
+    assert np.allclose(bounds_of(parts), [[-0.1, -0.1, 0.0], [6.1, 4.1, 0.8]])
+    floor = box("floor", "<pose>3 2 -0.05 0 0 0</pose>", "6 4 0.1")
+    assert not read_parts(write_world(tmp_path / "w.sdf", low + floor))[1]
+
+
+def test_macros_are_expanded_where_xacro_is_installed(tmp_path, monkeypatch):
+    src = write_world(tmp_path / "w.sdf.xacro", GROUND + ROOM)
+    assert find_format(src).name == "gazebo"
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    with pytest.raises(SceneError, match=r"install xacro .* or expand it with `xacro w.sdf.xacro > w.sdf`"):
+        read_parts(src)
+    made = SimpleNamespace(toxml=lambda: src.read_text().replace("6 0.1 2.5", "6 0.1 1.5"))
+    monkeypatch.setitem(sys.modules, "xacro", SimpleNamespace(process_file=lambda path: made))
+    assert len(read_parts(src)[0]) == 5
+    monkeypatch.setitem(sys.modules, "xacro", SimpleNamespace(process_file=lambda path: {}["wall"]))
+    with pytest.raises(SceneError, match=r"cannot be expanded \('wall'\)"):
+        read_parts(src)

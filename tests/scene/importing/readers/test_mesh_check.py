@@ -102,6 +102,69 @@ def test_what_of_a_collada_scene_is_not_read_is_named(tmp_path, other, instance,
     assert report.sentences() == ([f"Left out, because they cannot be read: {said}."] if said else [])
 
 
+@pytest.mark.parametrize("note", ["<!-- a note -->", "<?tool a note?>"])
+def test_notes_in_a_collada_mesh_change_nothing(tmp_path, note):
+    geometry = _dae_geometry("g").replace("<triangles", f"{note}<triangles")
+    (tmp_path / "a.dae").write_text(
+        '<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+        f"<library_geometries>{geometry}</library_geometries><library_visual_scenes><visual_scene "
+        'id="s"><node><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>'
+        '<scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+    report = ImportReport()
+    assert len(read_mesh(tmp_path / "a.dae", report)[0].faces) == 1
+    assert not report.sentences()
+
+
+def test_a_collada_scene_that_the_file_does_not_show_is_named(tmp_path):
+    (tmp_path / "a.dae").write_text(
+        '<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+        f"<library_geometries>{_dae_geometry('g')}{_dae_geometry('h')}</library_geometries><library_visual_scenes>"
+        '<visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>'
+        '<visual_scene id="t"><node><instance_geometry url="#g"/><instance_geometry url="#h"/></node></visual_scene>'
+        '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+    report = ImportReport()
+    assert len(read_mesh(tmp_path / "a.dae", report)) == 1
+    assert report.sentences() == [
+        "Left out, because they stand in a visual scene that the file does not show: the geometries 'h' of a.dae; "
+        "export them in the scene that its <scene> names."
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        ("a.ifc", "`IfcConvert a.ifc a.glb`"),
+        ("a.usdz", "import it in Blender"),
+        ("a.blend", "File, Export, glTF 2.0"),
+        ("a.sh3d", "Export to OBJ format"),
+        ("a.SVG", "draw its walls up"),
+    ],
+)
+def test_files_of_other_known_kinds_name_the_way_to_convert_them(tmp_path, name, way):
+    (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(SceneError, match="and import that") as raised:
+        import_scene(tmp_path / name, tmp_path / "out")
+    assert way in str(raised.value)
+
+
+def test_a_face_of_too_many_corners_is_refused(tmp_path):
+    corners = "".join(f"v {number} 0 0\n" for number in range(10_001))
+    (tmp_path / "a.obj").write_text(f"{corners}f {' '.join(str(number + 1) for number in range(10_001))}\n")
+    with pytest.raises(SceneError, match="line 10002: a face has 10001 corners, but faces end at 10000"):
+        read_mesh(tmp_path / "a.obj", ImportReport())
+
+
+def test_a_gltf_that_states_elements_and_holds_none_is_refused(tmp_path):
+    def state(header):
+        header["accessors"][0] = {"componentType": 5126, "count": 10**9, "type": "VEC3"}
+        header["meshes"][0]["primitives"][0]["mode"] = 0
+
+    with pytest.raises(SceneError, match="an accessor states 1000000000 elements, and no buffer view holds them"):
+        read_mesh(write_gltf(tmp_path / "a.gltf", state), ImportReport())
+
+
 def test_a_mesh_without_area_is_named(tmp_path, caplog):
     flat = Submesh("flat", np.zeros((3, 3)), np.array([[0, 1, 2]]))
     floor = np.array([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]])

@@ -1,0 +1,108 @@
+"""``anm-mj localise``: where images were taken, in the map of a finished run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from anm_mj.cli.command_line import Fields, Option
+from anm_mj.cli.map import Metres, lens_distortion, topics_by_role
+from anm_mj.cli.option_types import Count, NewFolder, Settings
+
+NOTHING_FOUND = 1
+"""Exit status where no image was found in the map."""
+_LEVEL_M = 1.0
+"""Height of images that nobody knows yet [m]; the search has heights of its own."""
+
+
+def _localise_fields() -> tuple[type, Mapping[str, Option]]:
+    from anm_mj.config import OPTIONS, RunConfig
+
+    return RunConfig, {field: Option(OPTIONS[field]) for field in ("seed", "device")}
+
+
+def localise(
+    run: Path,
+    images: Path,
+    *,
+    out: NewFolder | None = None,
+    single: bool = False,
+    reference: Path | None = None,
+    layout: str | None = None,
+    camera: Annotated[tuple[float, float, float, float] | None, Option("FX,FY,CX,CY")] = None,
+    depth_unit: Metres | None = None,
+    distortion: Annotated[str | None, Option("K1,K2,...")] = None,
+    topics: Annotated[Sequence[str], Option("--topic ROLE=NAME")] = (),
+    every: Count = 1,
+    settings: Settings = (),
+    **options: Annotated[Any, Fields(_localise_fields)],
+) -> int:
+    """Find where RGB-D images were taken, in the map of a finished run.
+
+    Poses of the images are not used. The first is looked for in the whole map, the others are tracked. The map stays
+    as it is. Exit status 1 if no image was found.
+
+    Args:
+        run: folder of a run, of anm-mj explore or anm-mj map
+        images: a recorded sequence in any layout that anm-mj map reads
+        out: folder for the poses, poses.tum and poses.json; by default they are only counted
+        single: look for each image on its own: they do not follow one another
+        reference: poses in TUM format, in the world of the map, that the found ones are compared with
+        layout: run, anm-mj, tum, nerfstudio, replica or rosbag; by default recognised by its files
+        camera: intrinsics [px], if the files are wrong or silent
+        depth_unit: metres per unit of a depth image
+        distortion: lens distortion in the order of OpenCV, or none; by default as the files say
+        topics: topic of a bag for colour, depth or camera, where several fit; may be repeated
+        every: read every Nth image only
+        settings: any setting of localisation, as in localisation.relocalisation.least_score=0.7; may be repeated
+        **options: fields of ``RunConfig``
+    """
+    from anm_mj.cli.bar import progress_bar
+    from anm_mj.cli.console import PlainConsole
+    from anm_mj.config import DEFAULT_PRESET, make_config
+    from anm_mj.evaluation.reference_trajectory import read_reference
+    from anm_mj.io.sequence import ranges_text
+    from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
+    from anm_mj.localise_images import localise_images, pose_error, require_new, write_poses
+
+    config = make_config(DEFAULT_PRESET, list(settings), scene=str(images), pose="slam", **options)
+    measured = None if reference is None else read_reference(reference)
+    if out is not None:
+        require_new(out)
+    wanted = SequenceOptions(
+        layout,
+        camera,
+        depth_unit,
+        floor_m=-_LEVEL_M,
+        every=every,
+        topics=topics_by_role(topics),
+        needs_poses=False,
+        ignores_poses=True,
+        distortion="files" if distortion is None else lens_distortion(distortion),
+    )
+    sequence, _ = open_sequence(images, wanted)
+    console = PlainConsole()
+    with progress_bar(console, "localise") as on_progress:
+        poses = localise_images(run, sequence, config, single=single, on_image=on_progress)
+    error = None if measured is None else pose_error(poses, measured)
+    lost = [pose.step for pose in poses if pose.T_world_camera is None]
+    console.say(
+        f"{len(poses) - len(lost)} of {len(poses)} images found" + (f"; not: {ranges_text(lost)}." if lost else ".")
+    )
+    deviations = [(pose.deviation_m, pose.deviation_rad) for pose in poses if pose.T_world_camera is not None]
+    if deviations:
+        most_m, most_rad = (max(values) for values in zip(*deviations, strict=True))
+        console.say(f"Standard deviation at most {100.0 * most_m:.1f} cm and {math.degrees(most_rad):.2f} deg.")
+    if error is not None:
+        console.say(
+            f"Position RMSE {error.position_rmse_cm:.2f} cm, ATE RMSE {error.ate_rmse_cm:.2f} cm after alignment, "
+            f"by {reference}."
+        )
+    elif measured is not None:
+        console.say(f"{reference} has fewer than 3 poses at the times of the images that were found.")
+    if out is not None:
+        write_poses(out, run, images, poses, error)
+        console.say(f"Poses: {out}")
+    return 0 if len(lost) < len(poses) else NOTHING_FOUND

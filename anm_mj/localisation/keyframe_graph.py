@@ -1,0 +1,165 @@
+"""Keyframes and what was measured between them: their poses are adjusted as the run goes on.
+
+Each keyframe is registered to some earlier ones by their images alone. The poses of the latest ones are adjusted to
+that (bundle adjustment over a window). A place that is seen again, after a way on which the pose has drifted, is
+believed when several keyframes in a row say alike and the measurements on the way allow it; then all poses are
+adjusted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from anm_mj.localisation.key_images import KeyImage, KeyImages
+from anm_mj.localisation.keyframe_edges import measured
+from anm_mj.localisation.localisation_config import GraphConfig
+from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised
+from anm_mj.localisation.registration import Prior
+from anm_mj.mapping.alignment import FramePoints
+
+_LOOP_M, _LOOP_RAD = 0.1, 0.06
+"""Standard deviations of the place where a loop may close, at least [m, rad]."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Poses of keyframes that have changed."""
+
+    nodes: tuple[int, ...]
+    """Which, counted from the first keyframe on."""
+    T_world_camera: Float64[np.ndarray, "m 4 4"]
+    T_world_before: Float64[np.ndarray, "m 4 4"]
+    closed: bool
+    """Whether a loop was closed."""
+
+    @property
+    def largest_m(self) -> float:
+        """By how far the farthest camera was moved [m]."""
+        return float(np.linalg.norm(self.T_world_camera[:, :3, 3] - self.T_world_before[:, :3, 3], axis=1).max())
+
+
+class KeyframeGraph:
+    """Adds keyframes to a pose graph and adjusts it."""
+
+    def __init__(self, config: GraphConfig, images: KeyImages, basis: Float64[np.ndarray, "6 k"]) -> None:
+        """Without any keyframe.
+
+        Args:
+            config: Settings.
+            images: Holds the keyframes' images; those that it gives up are registered to no more.
+            basis: Directions of motion, as of :class:`~.registration.Prior`.
+        """
+        self.config = config
+        self.num_loops = 0
+        self.poses = np.zeros((0, 4, 4))
+        """Of all keyframes, camera to world."""
+        self.edges: list[Edge] = []
+        self._images = images
+        self._basis = basis
+        self._pending: list[list[Edge]] = []
+        """Of the last keyframes: measurements to a place that is seen again, not believed yet."""
+
+    def add(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], motion: Prior | None, noise_per_m: float
+    ) -> Correction | None:
+        """Add the frame that was last kept as a key image; returns which poses change by it.
+
+        Args:
+            points: Of the frame.
+            T_world_camera: Its estimated pose.
+            motion: What odometry says of its pose, from that of the keyframe before; None = nothing.
+            noise_per_m: Of the depth.
+        """
+        node = len(self.poses)
+        self.poses = np.concatenate((self.poses, T_world_camera[None]))
+        self._images.images[-1].node = node
+        if not node:
+            return None
+        if motion is not None:
+            self.edges.append(
+                self._edge(node - 1, node, motion.T_world_camera, self._full(np.linalg.inv(motion.covariance)))
+            )
+        near, old = self._chosen(points, T_world_camera, node)
+        covariance = self._basis.T @ np.diag([_LOOP_M**2] * 3 + [_LOOP_RAD**2] * 3) @ self._basis
+        loops: list[Edge] = []
+        for image in (*near, *old):
+            one = measured(
+                self._images, image, points, T_world_camera, covariance, self._basis, noise_per_m, self.config
+            )
+            if one.overlap >= self.config.least_overlap and one.fit >= self.config.least_fit:
+                edge = self._edge(image.node, node, one.T_world_camera, one.information)
+                edge = replace(edge, kernel=self.config.edge_kernel)
+                is_old = node - image.node >= self.config.loop_keyframes
+                apart = float(np.linalg.norm(edge.deviation(self.poses)[:3]))
+                # What hardly deviates needs no proof: it only keeps the latest keyframes from drifting.
+                (loops if is_old and apart > self.config.loop_m else self.edges).append(edge)
+        closed = self.config.loops and self._take_loops(loops)
+        if not closed and not self.config.adjust:
+            return None
+        fixed = np.zeros(node + 1, bool)
+        fixed[: 1 if closed else max(1, node + 1 - self.config.window)] = True
+        before = self.poses
+        self.poses = optimised(before, self.edges, fixed, self._basis)
+        free = np.flatnonzero(~fixed)
+        for image in self._images.images:
+            if image.node >= 0:
+                image.T_world_camera = self.poses[image.node]
+        return Correction(tuple(free.tolist()), self.poses[free], before[free], closed)
+
+    def _take_loops(self, edges: list[Edge]) -> bool:
+        """Whether measurements to a place seen again are believed now, which takes them into the graph."""
+        self._pending = [*self._pending, edges][-self.config.loop_confirmations :]
+        if len(self._pending) < self.config.loop_confirmations or not all(self._pending):
+            return False
+        # The correction that each keyframe asks for: those of one place are alike.
+        asked = np.array([np.median([edge.deviation(self.poses) for edge in some], axis=0) for some in self._pending])
+        spread = np.abs(asked - np.median(asked, axis=0)).max(axis=0)
+        middle = np.linalg.norm(np.median(asked, axis=0)[:3])
+        if np.linalg.norm(spread[:3]) > max(0.02, 0.5 * middle):
+            return False
+        fresh = [edge for some in self._pending for edge in some]
+        trial = [*self.edges, *fresh]
+        fixed = np.zeros(len(self.poses), bool)
+        fixed[0] = True
+        poses = optimised(self.poses, trial, fixed, self._basis)
+        misfit = chi_squares(poses, fresh)
+        strain = chi_squares(poses, self.edges) - chi_squares(self.poses, self.edges)
+        # Those who follow are asked afresh.
+        self._pending = []
+        if max(misfit.max(), strain.max(initial=0.0)) > self.config.loop_chi_square * self._basis.shape[1]:
+            return False
+        self.edges = trial
+        self.num_loops += 1
+        return True
+
+    def _chosen(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], node: int
+    ) -> tuple[list[KeyImage], list[KeyImage]]:
+        """Key images that show enough of a frame: of the latest keyframes those that show most, and old ones."""
+        shares = [
+            (share, image)
+            for share, image in self._images.shares(points, T_world_camera)
+            if share >= self.config.least_overlap and 0 <= image.node < node
+        ]
+        ranked = sorted(shares, key=lambda each: (-each[0], each[1].node))
+        recent = [image for _, image in ranked if node - image.node < self.config.loop_keyframes]
+        old = [image for _, image in ranked if node - image.node >= self.config.loop_keyframes]
+        num_old = min(len(old), self.config.images // 2)
+        half = (self.config.images - num_old + 1) // 2
+        # Those that show most are the latest; the oldest bind the window to what came before it.
+        by_age = sorted(recent[half:], key=lambda image: image.node)
+        near = recent[:half] + by_age[: self.config.images - num_old - half]
+        return near, old[:num_old]
+
+    def _edge(
+        self, first: int, second: int, T_world_second: Float[np.ndarray, "4 4"], information: Float64[np.ndarray, "6 6"]
+    ) -> Edge:
+        T_first = self.poses[first]
+        turn = np.kron(np.eye(2), T_first[:3, :3])
+        return Edge(first, second, np.linalg.inv(T_first) @ T_world_second, turn.T @ information @ turn)
+
+    def _full(self, information: Float64[np.ndarray, "k k"]) -> Float64[np.ndarray, "6 6"]:
+        return self._basis @ information @ self._basis.T

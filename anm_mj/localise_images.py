@@ -1,0 +1,195 @@
+"""Finds the poses of recorded images in the map of a finished run, which stays as it is."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.config import RunConfig
+from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.trajectory_error import TrajectoryError, trajectory_error
+from anm_mj.io.bag_poses import Track
+from anm_mj.io.read_run import Run, read_run
+from anm_mj.io.run_folder import empty_folder
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.io.sequence import Sequence, base_pose
+from anm_mj.io.sequence_poses import camera_line
+from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
+from anm_mj.localisation.coarse_search import level
+from anm_mj.localisation.field_localiser import FieldLocaliser
+from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.localiser import PoseEstimate
+from anm_mj.localisation.se3 import camera_motion
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.types import Observation
+from anm_mj.utils.files import write_text
+
+POSES, TABLE = "poses.tum", "poses.json"
+"""Files of the folder that is written."""
+_MOST_TILTS = 8
+"""So many heights and tilts of the map's own camera are tried at most."""
+_SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
+"""Tilts that are nearer to each other are one."""
+_MOST_WAITING = 200
+"""Images before the first that was found which are looked at again, from there backwards."""
+
+
+@dataclass(frozen=True)
+class ImagePose:
+    """What is known of where an image was taken."""
+
+    step: int
+    time_s: float
+    T_world_camera: Float[np.ndarray, "4 4"] | None
+    """Camera to the world of the map; None where it was not found."""
+    deviation_m: float | None = None
+    """Largest standard deviation of the position [m]."""
+    deviation_rad: float | None = None
+    """Largest standard deviation of the rotation [rad]."""
+    known: float | None = None
+    """Share of the image's points at surface that the map knows, in [0, 1]."""
+    inliers: float | None = None
+    """Share of those that fit, in [0, 1]."""
+
+    @classmethod
+    def of(cls, estimate: PoseEstimate) -> ImagePose:
+        """The pose of a frame, where it was found well enough."""
+        seen, quality = estimate.observation, estimate.quality
+        if not estimate.usable:
+            return cls(seen.step, seen.time_s, None)
+        deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
+        return cls(seen.step, seen.time_s, seen.T_world_camera, *deviations, quality.known, quality.inliers)
+
+
+def localise_images(
+    path: Path,
+    images: Sequence,
+    config: RunConfig,
+    *,
+    single: bool = False,
+    on_image: Callable[[int, int], object] = lambda done, total: None,
+) -> list[ImagePose]:
+    """The poses of images in a map.
+
+    The first is looked for in the whole map, the others are tracked from image to image; what comes before the first
+    that was found is tracked backwards from it.
+
+    Args:
+        path: Folder of the run.
+        images: Its poses are not used.
+        config: Its ``localisation``, ``seed`` and ``device`` count.
+        single: Whether each image is looked for on its own, as they do not follow one another.
+        on_image: Called with images done and in all.
+
+    Raises:
+        RunFolderError: The folder is no run, or an image is missing or damaged.
+        MapError: Its map cannot be read, or its engine cannot localise.
+    """
+    run = read_run(path)
+    neural_map = NeuralMap.load(run.folder.map, device=config.device)
+    tilts = _tilts(run)
+
+    def localiser(settings: LocalisationConfig, lost: bool = True) -> FieldLocaliser:
+        return FieldLocaliser(
+            neural_map,
+            settings,
+            seed=config.seed,
+            planar=False,
+            odometry=False,
+            base_pose=base_pose,
+            lost=lost,
+            tilts=tilts,
+        )
+
+    settings = config.localisation
+    if single:
+        settings = replace(settings, relocalisation=replace(settings.relocalisation, frames=1))
+    tracker = localiser(settings)
+    poses: list[ImagePose] = []
+    waiting: list[Observation] = []
+    for seen in images.observations():
+        if single:
+            tracker = localiser(settings)
+        estimate = tracker.localise(seen)
+        poses.append(ImagePose.of(estimate))
+        if estimate.relocalised:
+            back = localiser(settings, lost=False)
+            back.localise(estimate.observation)
+            # Before the first one that does not fit, the images may show anything.
+            for before in itertools.takewhile(
+                lambda each: each.T_world_camera is not None,
+                (ImagePose.of(back.localise(each)) for each in reversed(waiting)),
+            ):
+                poses[before.step] = before
+        waiting = [] if poses[-1].T_world_camera is not None or single else [*waiting, seen][-_MOST_WAITING:]
+        on_image(len(poses), len(images))
+    return poses
+
+
+def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | None:
+    """Errors of found poses by a reference in the world of the map; None where it knows fewer than three of them."""
+    records = []
+    for pose in poses:
+        true = reference.at(pose.time_s)
+        if pose.T_world_camera is not None and true is not None:
+            places = base_pose(pose.T_world_camera), pose.T_world_camera, base_pose(true), true
+            records.append(FrameRecord(pose.step, pose.time_s, *places))
+    return trajectory_error(records) if len(records) >= 3 else None
+
+
+def write_poses(out: Path, path: Path, images: Path, poses: list[ImagePose], error: TrajectoryError | None) -> None:
+    """Write the found poses as TUM file, and all that is known of them as JSON.
+
+    Args:
+        out: A new folder.
+        path: Folder of the run.
+        images: Folder of the images.
+        poses: Of the images, in order.
+        error: Of the poses; None where nobody knows.
+
+    Raises:
+        RunFolderError: The folder is not empty, or cannot be written.
+    """
+    empty_folder(out)
+    found = list(_found(poses))
+    facts: dict[str, Any] = {"run": str(path), "images": str(images), "frames": len(poses), "found": len(found)}
+    shares = ("lost_percent", "unmapped_percent")
+    facts |= {} if error is None else {key: value for key, value in asdict(error).items() if key not in shares}
+    with writing(out):
+        write_text(out / POSES, "".join(camera_line(time_s, T) + "\n" for time_s, T in found))
+        write_json(out / TABLE, {**facts, "poses": [asdict(pose) for pose in poses]})
+
+
+def require_new(out: Path) -> None:
+    """Raises RunFolderError where there is something already."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise RunFolderError(f"{out} exists and is not empty; choose another folder.")
+
+
+def _found(poses: list[ImagePose]) -> Iterator[tuple[float, Float[np.ndarray, "4 4"]]]:
+    for pose in poses:
+        if pose.T_world_camera is not None:
+            yield pose.time_s, pose.T_world_camera
+
+
+def _tilts(run: Run) -> list[Float[np.ndarray, "4 4"]]:
+    """Heights and tilts that the map's own camera had, no two alike."""
+    kept: list[Float[np.ndarray, "4 4"]] = []
+    for frame in run.frames:
+        T = level(frame.T_world_camera)
+        changes = [camera_motion(other, T) for other in kept]
+        if all(np.linalg.norm(each[:3]) > _SAME_M or np.linalg.norm(each[3:]) > _SAME_RAD for each in changes):
+            kept.append(T)
+            if len(kept) == _MOST_TILTS:
+                break
+    if not kept:
+        raise RunFolderError(f"{run.folder.path} holds no frame; give the folder of a finished run.")
+    return kept

@@ -1,0 +1,128 @@
+"""Keyframes that are adjusted: a way round in a room in closed form, a loop that is true, loops that are not."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anm_mj.localisation.frame_points import draw_points
+from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.keyframe_graph import Correction, KeyframeGraph
+from anm_mj.localisation.localisation_config import GraphConfig, KeyImageConfig
+from anm_mj.localisation.pose_graph import Edge
+from anm_mj.localisation.registration import PLANAR, Prior
+from anm_mj.localisation.se3 import moved_camera
+from anm_mj.types import Observation
+from tests.mapping.ray_room import Room
+
+CONFIG = GraphConfig(loops=True, loop_keyframes=20)
+TURN = math.radians(12.0)
+COUNT = 34
+"""Keyframes of a turn on the spot and a little more."""
+STEP_COVARIANCE = np.diag([1e-4, 1e-4, 1e-4])
+
+
+def true_frames(room: Room) -> list[Observation]:
+    return [room.observe(1.5, 1.5, TURN * k, size=96, step=k) for k in range(COUNT)]
+
+
+def drift(step: int) -> np.ndarray:
+    return np.array([0.002 * step, -0.001 * step, 0.0, 0.0, 0.0, 0.0005 * step])
+
+
+def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[KeyframeGraph, list[Correction]]:
+    """The graph of a camera that turns about while its pose drifts, and what it corrected."""
+    images = KeyImages(KeyImageConfig())
+    graph = KeyframeGraph(config, images, PLANAR)
+    corrections, offset = [], np.eye(4)
+    for step, frame in enumerate(frames):
+        T = moved_camera(frame.T_world_camera, drift(step)) if not graph.num_loops else offset @ frame.T_world_camera
+        placed = replace(frame, T_world_camera=T)
+        motion = None
+        if step:
+            between = np.linalg.inv(frames[step - 1].T_world_camera) @ frame.T_world_camera
+            motion = Prior(graph.poses[-1] @ between, STEP_COVARIANCE, PLANAR)
+        images.add(placed, 0.0)
+        points = draw_points(placed, 500, 0.0, 8.0, np.random.default_rng(step))
+        correction = graph.add(points, T, motion, 0.0)
+        if correction is not None:
+            corrections.append(correction)
+            offset = correction.T_world_camera[-1] @ np.linalg.inv(frame.T_world_camera)
+    return graph, corrections
+
+
+def off_m(graph: KeyframeGraph, frames: list[Observation]) -> np.ndarray:
+    true = np.array([frame.T_world_camera for frame in frames])
+    return np.linalg.norm(graph.poses[:, :3, 3] - true[:, :3, 3], axis=1)
+
+
+@pytest.fixture(scope="module")
+def frames(room: Room) -> list[Observation]:
+    return true_frames(room)
+
+
+def test_a_place_that_is_seen_again_closes_a_loop(frames: list[Observation]) -> None:
+    graph, corrections = turn_about(CONFIG, frames)
+    closed = [correction for correction in corrections if correction.closed]
+    assert graph.num_loops == len(closed) >= 1
+    assert closed[0].nodes[0] == 1
+    assert closed[0].largest_m > 0.03
+    assert np.linalg.norm(drift(COUNT - 1)[:3]) > 0.07
+    assert off_m(graph, frames).max() < 0.02
+    # Images and poses go together.
+    for image in graph._images.images:
+        np.testing.assert_array_equal(image.T_world_camera, graph.poses[image.node])
+
+
+def test_without_loops_and_adjustment_nothing_moves(frames: list[Observation]) -> None:
+    graph, corrections = turn_about(replace(CONFIG, loops=False), frames)
+    assert not corrections
+    assert graph.num_loops == 0
+    assert off_m(graph, frames)[-1] > 0.07
+
+
+def test_adjusting_the_latest_keyframes_takes_drift_away(frames: list[Observation]) -> None:
+    graph, corrections = turn_about(replace(CONFIG, adjust=True, loops=False, window=10), frames)
+    assert not any(correction.closed for correction in corrections)
+    assert max(len(correction.nodes) for correction in corrections) == 10
+    # What the window has left behind stays.
+    assert np.median(off_m(graph, frames)[:20]) < 0.5 * np.median([np.linalg.norm(drift(k)[:3]) for k in range(20)])
+
+
+def way(count: int = 30) -> KeyframeGraph:
+    """A straight way of keyframes, each measured from the one before to a millimetre or two."""
+    graph = KeyframeGraph(CONFIG, KeyImages(KeyImageConfig()), PLANAR)
+    graph.poses = np.tile(np.eye(4), (count, 1, 1))
+    graph.poses[:, 0, 3] = 0.1 * np.arange(count)
+    graph.edges = [edge(graph, k, k + 1, 0.0) for k in range(count - 1)]
+    return graph
+
+
+def edge(graph: KeyframeGraph, first: int, second: int, error_m: float, information: float = 4e5) -> Edge:
+    T = moved_camera(graph.poses[second], np.array([0.0, error_m, 0.0, 0.0, 0.0, 0.0]))
+    return Edge(first, second, np.linalg.inv(graph.poses[first]) @ T, information * np.eye(6), 0.0)
+
+
+def test_a_loop_that_the_way_does_not_allow_is_refused() -> None:
+    graph = way()
+    before = graph.edges
+    for k in range(27, 30):
+        # All say alike, and are wrong by a metre.
+        assert not graph._take_loops([edge(graph, 0, k, 1.0)])
+    assert graph.num_loops == 0
+    assert graph.edges == before
+
+
+def test_a_loop_needs_several_keyframes_that_say_alike() -> None:
+    graph = way()
+    small = [edge(graph, 0, k, 0.03, 1e4) for k in (27, 28, 29)]
+    assert not graph._take_loops(small[:1])
+    assert not graph._take_loops([])
+    assert not graph._take_loops(small[1:2])
+    assert not graph._take_loops([edge(graph, 0, 28, -0.08, 1e4)])
+    assert not graph._take_loops(small[2:])
+    assert graph.num_loops == 0
+    graph = way()
+    assert [graph._take_loops([one]) for one in small] == [False, False, True]
+    assert graph.num_loops == 1

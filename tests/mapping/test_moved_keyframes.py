@@ -1,0 +1,63 @@
+"""The map follows keyframes whose poses are corrected."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from anm_mj.mapping.mapping_config import MappingConfig
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.types import OCCUPIED, Observation, TrainingEffort
+from tests.mapping.ray_room import Room
+
+SHIFT_M = 0.3
+"""Eight voxels or so to the side."""
+EFFORT = TrainingEffort(8, 100, True)
+
+
+def mapped(config: MappingConfig, frames: list[Observation]) -> NeuralMap:
+    """A map of frames, all of which are keyframes."""
+    neural_map = NeuralMap(config, seed=0, device="cpu")
+    for frame in frames:
+        neural_map.integrate(frame, EFFORT)
+    return neural_map
+
+
+def beside(frame: Observation) -> Observation:
+    T = frame.T_world_camera.copy()
+    T[1, 3] += SHIFT_M
+    return replace(frame, T_world_camera=T)
+
+
+def wall_points(room: Room) -> np.ndarray:
+    """Points on the wall at y = 3, as the room has it."""
+    x, z = np.meshgrid(np.linspace(0.8, 2.2, 8), np.linspace(0.8, 1.6, 5))
+    return np.stack((x.ravel(), np.full(x.size, 3.0), z.ravel()), axis=1)
+
+
+def test_occupancy_and_field_go_where_the_keyframes_go(tiny_config: MappingConfig, room: Room) -> None:
+    frames = [room.observe(1.5, 1.5, 1.2 + 0.2 * k, size=64, step=k) for k in range(5)]
+    neural_map = mapped(tiny_config, [beside(frame) for frame in frames])
+    points = wall_points(room)
+    by_depth = neural_map.occupancy.by_depth
+    assert not (by_depth.state_at(points) == OCCUPIED).any()
+    wrong = np.abs(neural_map.sdf(points)).mean()
+    version, noise = by_depth.grid.version, by_depth.noise.value
+    neural_map.move_keyframes(np.arange(5, 0, -1), np.stack([frame.T_world_camera for frame in frames]))
+    neural_map.rebuild(((f.depth_m, f.intrinsics, f.T_world_camera) for f in frames), 60)
+    assert (by_depth.state_at(points) == OCCUPIED).mean() > 0.9
+    assert not (by_depth.state_at(points + np.array([0.0, SHIFT_M, 0.0])) == OCCUPIED).any()
+    assert np.abs(neural_map.sdf(points)).mean() < 0.5 * wrong
+    assert by_depth.grid.version > version
+    assert (by_depth.grid.column_version == by_depth.grid.version).all()
+    assert by_depth.noise.value == noise
+
+
+def test_the_last_frame_goes_with_its_keyframe(tiny_config: MappingConfig, room: Room) -> None:
+    frames = [room.observe(1.5, 1.5, 1.2 + 0.2 * k, size=64, step=k) for k in range(3)]
+    moved, right = mapped(tiny_config, [*frames[:2], beside(frames[2])]), mapped(tiny_config, frames)
+    moved.move_keyframes(np.array([1]), frames[2].T_world_camera[None])
+
+    cameras, expected = (each.field.keyframes.get_state()[1] for each in (moved, right))
+    np.testing.assert_array_equal(cameras, expected)
+    assert moved.field._last is not None
+    np.testing.assert_array_equal(moved.field._last.T_world_camera, frames[2].T_world_camera)

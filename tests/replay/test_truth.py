@@ -1,0 +1,66 @@
+"""What a replay shows of a robot that may be wrong about where it is."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anm_mj.io.read_run import Run
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.replay.film_panels import MapPanel, known_pieces
+from anm_mj.replay.timeline import Timeline
+from anm_mj.types import Intrinsics, Pose2
+from anm_mj.viz import palette
+from anm_mj.viz.tint import rgb_of
+
+
+def timeline(true_y_m=0.0, covariance=None, lost=()):
+    frames = tuple(
+        FrameRecord(
+            k, 0.1 * k, Pose2(0.2 * k, 0.0, 0.0), np.eye(4), Pose2(0.2 * k, true_y_m, 0.0), np.eye(4),
+            is_lost=k in lost, covariance_xy_m2=covariance,
+        )
+        for k in range(8)
+    )  # fmt: skip
+    camera = Intrinsics.from_fov(8, 8, 1.5)
+    return Timeline(Run(RunFolder(Path()), camera, (8, 8), frames, (), (), {}, {}))
+
+
+def test_a_true_trajectory_is_shown_only_where_it_is_another():
+    assert timeline().true_xy_m is None
+    np.testing.assert_allclose(timeline(0.3).true_xy_m[:, 1], 0.3)
+
+
+def test_the_ellipse_holds_two_standard_deviations():
+    assert timeline().ellipse_m(0) is None
+    turned = math.radians(30.0)
+    rotation = np.array([[math.cos(turned), -math.sin(turned)], [math.sin(turned), math.cos(turned)]])
+    (xx, xy), (_, yy) = rotation @ np.diag([0.04, 0.01]) @ rotation.T
+    long, short, direction = timeline(covariance=(xx, xy, yy)).ellipse_m(3)
+    assert (long, short) == (pytest.approx(0.4), pytest.approx(0.2))
+    assert math.remainder(direction - turned, math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_trajectory_has_a_gap_where_the_robot_was_lost():
+    shown = timeline(lost=(2, 3, 7))
+    pieces = known_pieces(shown.xy_m, shown.is_lost)
+    assert [piece[:, 0].round(1).tolist() for piece in pieces] == [[0.0, 0.2], [0.8, 1.0, 1.2]]
+    assert known_pieces(shown.xy_m, np.ones(8, bool)) == []
+
+
+def test_the_map_shows_both_trajectories_and_the_ellipse():
+    shown = timeline(0.3)
+    panel = MapPanel(np.array([-0.5, -1.0]), np.array([2.0, 1.5]))
+
+    def colours(**options):
+        image = np.asarray(panel.draw(shown.xy_m, 0.0, np.zeros((0, 2)), None, **options)).reshape(-1, 3)
+        return {tuple(each) for each in image.tolist()}
+
+    plain = colours()
+    assert tuple(rgb_of(palette.TRUE)) not in plain
+    with_truth = colours(true_xy_m=shown.true_xy_m, ellipse_m=np.array([0.4, 0.2, 0.5]))
+    assert {tuple(rgb_of(palette.TRUE)), tuple(rgb_of(palette.PATH))} <= with_truth
+    assert tuple(rgb_of(palette.CAMERA)) in plain
+    assert tuple(rgb_of(palette.CAMERA)) not in colours(is_lost=np.ones(8, bool))
