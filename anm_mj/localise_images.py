@@ -19,8 +19,8 @@ from anm_mj.io.bag_poses import Track
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import empty_folder
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.io.sequence import Sequence, base_pose
-from anm_mj.io.sequence_poses import camera_line
+from anm_mj.io.sequence import Sequence
+from anm_mj.io.sequence_poses import base_pose, camera_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.coarse_search import level

@@ -149,9 +149,11 @@ def map_sequence(
                 with watch.stage("finish"):
                     neural_map.finish()
             _finish(folder, config, neural_map, footprint, log, last)
+        # Frames after an interruption by the user are not missed.
+        reached = last.step + 1 if interrupted and last is not None else len(sequence)
         metrics: dict[str, Any] = {
             "frames": len(records),
-            "left_out_frames": len(sequence) - len(records) + sum(each.frames for each in sequence.left_out),
+            "left_out_frames": reached - len(records) + sum(each.frames for each in sequence.left_out),
             "wall_s": time.perf_counter() - begin,
         }
         if records:
@@ -163,8 +165,8 @@ def map_sequence(
         if failure is None:
             raise
     if failure is not None:
-        if last is not None:
-            _logger.warning("Mapping ended at frame %d; %s holds the map up to there.", last.step, folder.path)
+        if folder.map.is_file():
+            _logger.warning("Mapping ended after %d frames; %s holds the map up to there.", len(records), folder.path)
         raise failure
     return folder
 

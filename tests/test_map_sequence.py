@@ -93,7 +93,7 @@ def test_what_was_mapped_before_an_error_is_kept(sequence, tmp_path, capsys):
     assert main(["map", str(folder), "--out", str(out), "--preset", "quick"]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "4 of 16 frames" in said
-    assert "Mapping ended at frame 7" in said
+    assert "Mapping ended after 8 frames" in said
     assert (out / "mesh.ply").is_file()
     metrics = json.loads((out / "metrics.json").read_text())
     assert (metrics["frames"], metrics["left_out_frames"]) == (8, 8)
