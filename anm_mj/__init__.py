@@ -88,5 +88,5 @@ if not TYPE_CHECKING:
 
 
 def __dir__() -> list[str]:
-    """The public names too, so that ``help`` and completion show them."""
-    return sorted({*globals(), *__all__})
+    """The public names, so that ``help`` and completion show these and nothing else."""
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

@@ -82,7 +82,8 @@ def map_sequence(
             (:class:`~anm_mj.events.Decided`); any of them may end the run with what there is.
 
     Raises:
-        AnmError: An image or the policy cannot be used, or the folder cannot be written.
+        AnmError: Too many images or the policy cannot be used, or the folder cannot be written. As with any other
+            error, the folder holds the map up to there.
     """
     begin = time.perf_counter()
     neural_map = make_mapper(config)
@@ -102,6 +103,7 @@ def map_sequence(
     def tell(event: object) -> bool:
         return any([observer.on_event(event) for observer in observers])
 
+    failure: Exception | None = None
     interrupted = tell(Started(folder.path, len(sequence), lambda: None))
     try:
         frames = sequence.observations()
@@ -134,21 +136,36 @@ def map_sequence(
                 interrupted |= tell(Decided(observation.step, plan))
             interrupted |= tell(Observed(observation, update, estimate))
             interrupted |= tell(Mapped(observation, neural_map, plan))
+    except Exception as err:
+        # What was mapped before is worth more than nothing.
+        failure = err
     finally:
         log.close()
         if cameras is not None:
             cameras.close()
-    if last is not None:
-        if config.goal != "coverage" and not interrupted:
-            with watch.stage("finish"):
-                neural_map.finish()
-        _finish(folder, config, neural_map, footprint, log, last)
-    metrics: dict[str, Any] = {"frames": len(records), "wall_s": time.perf_counter() - begin}
-    if records:
-        metrics |= _fit_metrics(folder, fits, records, verdict)
-    if tracker is not None and records:
-        metrics |= _tracking_metrics(records, reference, watch)
-    write_json(folder.metrics, metrics)
+    try:
+        if last is not None:
+            if config.goal != "coverage" and not interrupted and failure is None:
+                with watch.stage("finish"):
+                    neural_map.finish()
+            _finish(folder, config, neural_map, footprint, log, last)
+        metrics: dict[str, Any] = {
+            "frames": len(records),
+            "left_out_frames": len(sequence) - len(records) + sum(each.frames for each in sequence.left_out),
+            "wall_s": time.perf_counter() - begin,
+        }
+        if records:
+            metrics |= _fit_metrics(folder, fits[: len(records)], records, verdict)
+        if tracker is not None and records:
+            metrics |= _tracking_metrics(records, reference, watch)
+        write_json(folder.metrics, metrics)
+    except Exception:
+        if failure is None:
+            raise
+    if failure is not None:
+        if last is not None:
+            _logger.warning("Mapping ended at frame %d; %s holds the map up to there.", last.step, folder.path)
+        raise failure
     return folder
 
 

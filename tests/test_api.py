@@ -76,3 +76,7 @@ def test_a_users_script_passes_a_strict_type_checker(tmp_path):
     # A misspelt name, in the last line, is the only thing that it finds, whose type is then unknown.
     assert {line for line, _ in found} == {len(USER.splitlines()) - 1}, found
     assert any('"explore_seen" is not a known attribute' in message for _, message in found)
+
+
+def test_dir_names_what_is_public():
+    assert [name for name in dir(anm_mj) if not name.startswith("__")] == sorted(anm_mj.__all__)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -82,3 +83,17 @@ def test_wrong_options_are_one_sentence(sequence, tmp_path, capsys, options, wor
     assert main(["map", str(sequence), "--out", str(tmp_path / "out"), *options]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_what_was_mapped_before_an_error_is_kept(sequence, tmp_path, capsys):
+    folder, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(sequence, folder)
+    for step in range(8, 16):
+        (folder / "rgb" / f"{step:06d}.png").write_bytes(b"")
+    assert main(["map", str(folder), "--out", str(out), "--preset", "quick"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "4 of 16 frames" in said
+    assert "Mapping ended at frame 7" in said
+    assert (out / "mesh.ply").is_file()
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert (metrics["frames"], metrics["left_out_frames"]) == (8, 8)

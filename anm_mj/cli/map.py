@@ -54,6 +54,9 @@ def map_recorded(
     time_offset: Seconds = 0.0,
     colour_offset: Seconds = 0.0,
     fix: bool = False,
+    match: Seconds = 0.02,
+    max_gap: Seconds = 0.5,
+    max_bad: float = 0.2,
     every: Count = 1,
     track: bool = False,
     reference: Path | None = None,
@@ -90,6 +93,9 @@ def map_recorded(
         time_offset: added to the times of images to find their poses
         colour_offset: added to the times of colour images to find their depth
         fix: apply what the check of the sequence finds
+        match: colour and depth with times of their own belong together up to this difference
+        max_gap: poses with times of their own are interpolated between two that lie no farther apart
+        max_bad: largest share of frames that may be left out because they cannot be used
         every: read every Nth frame only
         track: find the poses by localisation in the map; those of the sequence, if any, are a prior
         reference: poses in TUM format that the found ones are compared with; a sequence's own are no prior then
@@ -128,6 +134,7 @@ def map_recorded(
     settings = [*["record.images=full"] * keep_images, *settings]
     config = make_config(options.pop("preset", DEFAULT_PRESET), settings, scene=str(sequence), **options)
     wanted = SequenceOptions(layout, camera, depth_unit, up, floor, every, by_role)
+    wanted = replace(wanted, match_s=match, max_gap_s=max_gap, max_bad=max_bad)
     if track:
         config = replace(config, pose="slam")
         judged = reference is not None and reference.resolve().is_relative_to(sequence.resolve())

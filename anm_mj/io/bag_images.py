@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from anm_mj.io.camera_checks import FARTHEST_M
-from anm_mj.io.image import require_depth
+from anm_mj.io.image import is_sentinel, require_depth
 from anm_mj.utils.picture import read_picture
 
 _DEPTH_TYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -74,6 +74,8 @@ def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
         # Any bits may stand for a float, also those that warn.
         with np.errstate(invalid="ignore"):
             depth_m = raw.astype(np.float32) * np.float32(1.0 if message.encoding == "32FC1" else unit_m)
+        if message.encoding != "32FC1":
+            depth_m[is_sentinel(raw)] = np.nan
     return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
 
 
@@ -86,9 +88,11 @@ def _compressed_depth(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]
         data = data[DEPTH_HEADER.size :]
     with read_picture(io.BytesIO(data)) as picture:
         require_depth(picture)
-        raw = np.asarray(picture).astype(np.float32)
+        stated = np.asarray(picture)
+    raw = stated.astype(np.float32)
     if not message.format.startswith("32FC1"):
-        return raw * np.float32(unit_m)
+        empty = is_sentinel(stated) if stated.dtype.kind in "iu" else False
+        return np.where(empty, np.float32(np.nan), raw * np.float32(unit_m))
     # Inverse depth, see compressed_depth_image_transport/codec.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(raw > 0.0, np.float32(a) / (raw - np.float32(b)), np.float32(0.0)).astype(np.float32)

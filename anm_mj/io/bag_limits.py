@@ -37,12 +37,38 @@ def limit_rosbags() -> None:
         """What the reader of ROS 2 bags uses of zstd."""
 
         decompress = staticmethod(unpack_zstd)
+        ZstdDecompressor = zstd.ZstdDecompressor
+        ZstdError = zstd.ZstdError
 
         @staticmethod
         def open(file: IO[bytes], mode: str) -> Any:
             return _LimitedFile(zstd.open(file, mode), _size_of(file))
 
     rosbag2.__dict__["zstd"] = LimitedZstd
+
+
+def unpacked_start(compression: str, data: bytes) -> bytes:
+    """As much of a chunk of an MCAP file as its bytes give, be it cut or not.
+
+    Raises:
+        ValueError: the compression is unknown, the bytes are damaged, or unpack to more than is allowed.
+    """
+    import lz4.frame
+    from rosbags.rosbag2 import reader as rosbag2
+
+    if not compression:
+        return data
+    zstd: Any = vars(rosbag2)["zstd"]
+    decompressors = {"zstd": zstd.ZstdDecompressor, "lz4": lz4.frame.LZ4FrameDecompressor}
+    if compression not in decompressors:
+        raise ValueError(f"the compression {compression[:20]!r} of its chunks is unknown")
+    try:
+        records = decompressors[compression]().decompress(data, MAX_PART_BYTES + 1)
+    except (RuntimeError, zstd.ZstdError, EOFError) as err:
+        raise ValueError(f"a chunk is damaged ({err})") from err
+    if len(records) > MAX_PART_BYTES:
+        raise ValueError(f"a part of {len(data)} bytes unpacks to more than {MAX_PART_BYTES >> 20} MiB")
+    return records
 
 
 def _unpacked(decompressor_of: Callable[[], Any], data: bytes) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -15,14 +16,20 @@ from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.sequence_poses import tum_matrix
 
 GAP_S = 0.5
-"""Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s]."""
+"""Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s], unless
+their link is one of those that hold."""
+_SAME_M, _SAME_RAD = 1e-4, 1e-4
+"""A link whose poses differ by less than both never changes."""
+_SELDOM = 2
+"""A link with so many times fewer poses than the one that is stated most often corrects that one, as a localiser does;
+it holds between its poses."""
 _NO_UNIT = 0.1
 """A quaternion whose length differs from 1 by more is no rotation; ROS leaves such poses out as well."""
 
 _logger = logging.getLogger(__name__)
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """Poses of one frame in another; straight lines and the shortest rotation in between."""
 
@@ -33,6 +40,8 @@ class Track:
     """Position [m] and quaternion, scalar last."""
     static: bool = False
     """Whether the first pose counts at all times."""
+    gap_s: float = GAP_S
+    """Between poses farther apart, and so long before the first and after the last, nothing is known [s]."""
     _order: np.ndarray | None = field(default=None, init=False)
 
     def add(self, time_s: float, pose: Float[np.ndarray, "7"]) -> None:
@@ -52,9 +61,10 @@ class Track:
         if self.static:
             first = self.poses[int(order.min())]
             return tum_matrix(first[:3], first[3:])
+        time_s = float(np.clip(time_s, times[0], times[-1])) if self.gap_s == math.inf else time_s
         after = int(np.searchsorted(times, time_s))
         low, high = max(after - 1, 0), min(after, len(times) - 1)
-        if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > GAP_S:
+        if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > self.gap_s:
             return None
         before, behind = self.poses[order[low]], self.poses[order[high]]
         rotations = Rotation.from_quat([before[3:], behind[3:]])
@@ -63,13 +73,32 @@ class Track:
         turned = rotations[0] * Rotation.from_rotvec(share * (rotations[0].inv() * rotations[1]).as_rotvec())
         return rigid_transform(turned.as_matrix().ravel(), before[:3] + share * (behind[:3] - before[:3]))
 
-    def _usable(self) -> Int64[np.ndarray, " n"]:
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """The first and the last time [s]."""
+        return min(self.times_s), max(self.times_s)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether all valid poses are the same, whatever their topic is called."""
+        if self.static:
+            return True
+        poses = np.array(self.poses)[self._usable(quiet=True)]
+        if not len(poses):
+            return False
+        turns = np.abs(poses[:, 3:] @ poses[0, 3:]) / (
+            np.linalg.norm(poses[:, 3:], axis=1) * np.linalg.norm(poses[0, 3:])
+        )
+        angles = 2.0 * np.arccos(np.clip(turns, -1.0, 1.0))
+        return bool((np.abs(poses[:, :3] - poses[0, :3]) < _SAME_M).all() and (angles < _SAME_RAD).all())
+
+    def _usable(self, *, quiet: bool = False) -> Int64[np.ndarray, " n"]:
         """Indices of the valid poses in the order of their times; a warning counts the others."""
         poses = np.array(self.poses).reshape(-1, 7)
         with np.errstate(over="ignore"):
             lengths = np.linalg.norm(poses[:, 3:], axis=1)
         good = (np.abs(lengths - 1.0) <= _NO_UNIT) & (np.abs(poses[:, :3]) <= FARTHEST_M).all(axis=1)
-        if not good.all():
+        if not (quiet or good.all()):
             _logger.warning(
                 "%d of %d poses of %s are left out, because they are no poses (the first at %.9g s): a quaternion of "
                 "length 1, and a place within %g km.",
@@ -105,7 +134,43 @@ class FrameTree:
 
     def moves(self, frame: str) -> bool:
         """Whether the frame moves against its root; raises ValueError where its ancestors are no chain."""
-        return any(child in self.track and not self.track[child].static for child in self.chain(frame))
+        return any(not link.is_constant for link in self.links(frame))
+
+    def links(self, frame: str) -> list[Track]:
+        """The links of a frame to its root; raises ValueError where they are no chain."""
+        return [self.track[child] for child in self.chain(frame) if child in self.track]
+
+    def hold(self, frame: str, gap_s: float, *, moves: bool = False) -> None:
+        """Let links that never change count at all times, and those that change seldom between their poses.
+
+        Where no link changes, as of a camera that stands still, nothing tells whether one only ended early.
+
+        Args:
+            frame: Of the camera.
+            gap_s: For all other links, as :attr:`Track.gap_s` [s].
+            moves: Whether the motion of the frame is known from elsewhere.
+        """
+        links = self.links(frame)
+        changing = [link for link in links if not link.is_constant]
+        for link in links:
+            link.gap_s = gap_s
+            link.static |= (moves or bool(changing)) and link not in changing
+        most = max((len(link.times_s) for link in changing), default=0)
+        for link in changing:
+            if _SELDOM * len(link.times_s) <= most:
+                link.gap_s = math.inf
+                _logger.warning(
+                    "%s is stated %d times from %.9g to %.9g s, seldom against %d times: in between it is "
+                    "interpolated, before and after it holds.",
+                    link.name[0].upper() + link.name[1:],
+                    len(link.times_s),
+                    *link.span_s,
+                    most,
+                )
+
+    def unknown(self, frame: str, time_s: float) -> Track | None:
+        """The first link whose pose at a time is not known; raises ValueError where there is no chain."""
+        return next((link for link in self.links(frame) if link.at(time_s) is None), None)
 
     def pose(self, frame: str, ancestor: str, time_s: float) -> Float[np.ndarray, "4 4"] | None:
         """``T_ancestor_frame`` at a time; None where it is not known. Raises ValueError where no chain leads there."""

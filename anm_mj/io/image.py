@@ -34,6 +34,12 @@ def read_image(path: Path, mode: str | None = None) -> np.ndarray:
         raise RunFolderError(f"{path} cannot be read ({err}); copy it again.") from err
 
 
+def is_sentinel(stated: np.ndarray) -> np.ndarray:
+    """Where whole numbers are the largest of 16 bits, or of their type: those say that nothing was measured."""
+    # Pillow gives some images of 16 bits as 32.
+    return (stated == 65535) | (stated == np.iinfo(stated.dtype).max)
+
+
 def require_depth(image: Image.Image) -> None:
     """Raises ValueError for a picture of colours, of a palette, or of 8 bits, in which no depth has room."""
     if image.mode not in DEPTH_MODES:

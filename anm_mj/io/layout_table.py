@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from anm_mj.errors import RunFolderError
@@ -29,17 +29,34 @@ def _run(folder: Path) -> Sequence:
 
 
 @dataclass(frozen=True)
+class Times:
+    """How images and poses of different times belong together."""
+
+    needs_poses: bool
+    """Whether frames without a pose are left out; else they are interpolated, or there are none at all."""
+    match_s: float
+    """Colour and depth belong together up to this difference [s]."""
+    max_gap_s: float
+    """Poses are interpolated between two that lie no farther apart [s]."""
+
+
+@dataclass(frozen=True)
 class Layout:
     """How a kind of sequence is recognised and read."""
 
     sign: str
     """A file that only this layout has."""
-    read: Callable[[Path, bool], Sequence]
-    """From its folder, and whether poses are needed."""
+    read: Callable[[Path, Times], Sequence]
+    """From its folder."""
     unposed: str | None = None
     """A file that it has even without poses; None = it always has them."""
     ours: bool = False
     """Whether the floor is at z = 0 by definition."""
+
+    @property
+    def signs(self) -> tuple[str, str]:
+        """How it is recognised, with and without poses."""
+        return self.sign, self.unposed_sign
 
     @property
     def unposed_sign(self) -> str:
@@ -50,9 +67,12 @@ class Layout:
 LAYOUTS = {
     "run": Layout("frames.jsonl", lambda folder, _: _run(folder), ours=True),
     "anm-mj": Layout(
-        "poses.tum", lambda folder, needed: read_sequence(folder, needs_poses=needed), "camera.json", ours=True
+        "poses.tum",
+        lambda folder, times: read_sequence(folder, needs_poses=times.needs_poses),
+        "camera.json",
+        ours=True,
     ),
-    "tum": Layout("groundtruth.txt", lambda folder, needed: read_tum(folder, needs_poses=needed), "depth.txt"),
+    "tum": Layout("groundtruth.txt", lambda folder, times: read_tum(folder, **asdict(times)), "depth.txt"),
     "nerfstudio": Layout("transforms.json", lambda folder, _: read_nerfstudio(folder)),
     "replica": Layout("traj.txt", lambda folder, _: read_replica(folder)),
     "7scenes": Layout("frame-000000.pose.txt", lambda folder, _: read_seven_scenes(folder)),

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.image import read_image
-from anm_mj.io.sequence import FRAME_S, Frame, Sequence, from_pixel_centres, require_below, require_count, say_left_out
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_below, require_count
 from anm_mj.io.sequence_text import in_number_order, number_rows
 
 _UNIT_M = 0.001
@@ -24,12 +24,12 @@ def read_seven_scenes(folder: Path) -> Sequence:
         OSError, ValueError, RunFolderError: a pose or the first image is missing or damaged.
     """
     named = {path.name.removesuffix(".depth.png"): path for path in folder.glob("frame-*.depth.png")}
-    frames = _frames(
+    frames, left_out = _frames(
         folder,
         [(folder / f"{name}.color.png", named[name], folder / f"{name}.pose.txt") for name in sorted(named)],
     )
     camera = from_pixel_centres(*_size(folder, frames), _KINECT)
-    return Sequence(folder, camera, _UNIT_M, frames, resize=True, assumes_camera=True)
+    return Sequence(folder, camera, _UNIT_M, frames, resize=True, assumes_camera=True, left_out=(left_out,))
 
 
 def read_scannet(folder: Path) -> Sequence:
@@ -43,23 +43,26 @@ def read_scannet(folder: Path) -> Sequence:
         raise ValueError(f"intrinsic_depth.txt holds {matrix.shape} numbers, not 4 x 4")
     colours = {path.stem: path for path in (folder / "color").glob("*")}
     depths = sorted((folder / "depth").glob("*.png"), key=lambda path: in_number_order(path.stem))
-    frames = _frames(
+    frames, left_out = _frames(
         folder,
         [(colours.get(path.stem, folder / "color"), path, folder / "pose" / f"{path.stem}.txt") for path in depths],
     )
     width, height = _size(folder, frames)
     camera = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
-    return Sequence(folder, from_pixel_centres(width, height, camera), _UNIT_M, frames, resize=True)
+    return Sequence(
+        folder, from_pixel_centres(width, height, camera), _UNIT_M, frames, resize=True, left_out=(left_out,)
+    )
 
 
-def _frames(folder: Path, files: list[tuple[Path, Path, Path]]) -> tuple[Frame, ...]:
+def _frames(folder: Path, files: list[tuple[Path, Path, Path]]) -> tuple[tuple[Frame, ...], LeftOut]:
     """Frames of colour, depth and pose; those without one of these files are left out."""
     require_count(len(files))
     whole = [(index, *each) for index, each in enumerate(files) if all(path.is_file() for path in each)]
     if not whole:
         raise RunFolderError(f"{folder} holds no frame that has colour, depth and a pose.")
-    say_left_out(folder, len(whole), len(files), "their colour image or their pose is missing")
-    return tuple(Frame(index * FRAME_S, colour, depth, _matrix(pose)) for index, colour, depth, pose in whole)
+    left_out = LeftOut(len(files) - len(whole), len(files), "their colour image or their pose is missing")
+    frames = (Frame(index * FRAME_S, colour, depth, _matrix(pose)) for index, colour, depth, pose in whole)
+    return tuple(frames), left_out
 
 
 def _matrix(path: Path) -> Float[np.ndarray, "4 4"]:

@@ -16,7 +16,7 @@ from anm_mj.geometry.lens_distortion import EQUIDISTANT, LensDistortion
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
-from anm_mj.io.sequence import FRAME_S, Frame, Sequence, require_below, require_count, say_left_out
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count
 from anm_mj.io.sequence_text import in_number_order, with_slashes
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import convert
@@ -81,7 +81,8 @@ def read_nerfstudio(folder: Path) -> Sequence:
         frames.append(Frame(time_s, colour, depth, matrix))
     if not frames:
         raise RunFolderError(f"{folder / 'transforms.json'} gives no frame a depth_file_path.")
-    say_left_out(folder, len(frames), len(facts["frames"]), "transforms.json gives them no depth_file_path")
+    listed = len(facts["frames"])
+    left_out = (LeftOut(listed - len(frames), listed, "transforms.json gives them no depth_file_path"),)
     first = facts["frames"][0]
     stated = {key: facts.get(key, first.get(key)) for key in _CAMERA}
     angle = facts.get("camera_angle_x", first.get("camera_angle_x"))
@@ -92,7 +93,16 @@ def read_nerfstudio(folder: Path) -> Sequence:
     unit = float(facts.get("depth_unit_scale_factor", _UNIT_M))
     # Images of ours keep the first pixel of each block.
     ours = facts.get("depth_pixels") == "first of each block"
-    return Sequence(folder, camera, unit, tuple(frames), resize=True, keeps_corner_pixels=ours, distortion=bent)
+    return Sequence(
+        folder,
+        camera,
+        unit,
+        tuple(frames),
+        resize=True,
+        keeps_corner_pixels=ours,
+        distortion=bent,
+        left_out=left_out,
+    )
 
 
 def _ordered(frames: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -15,13 +15,14 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from msgspec.structs import asdict as asdict_of
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.run_folder import empty_folder
 from anm_mj.io.run_shapes import IntrinsicsShape
-from anm_mj.io.sequence import FRAME_S, Frame, Sequence, require_count
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count
 from anm_mj.io.sequence_poses import camera_line, tum_matrix
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
@@ -48,7 +49,7 @@ def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:
         camera = convert(read_json(path / "camera.json"), _CameraShape)
         has_poses = needs_poses or (path / "poses.tum").is_file()
         lines = read_table(path / "poses.tum") if has_poses else _unposed_lines(path)
-        if lines.shape[1] != 8 or not np.isfinite(lines).all():
+        if lines.shape[1] != 8:
             raise ValueError("poses.tum needs eight numbers in every line")
         require_count(len(lines))
     except (OSError, ValueError, TypeError) as err:
@@ -56,17 +57,22 @@ def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:
             f"{path} is not a recorded sequence ({err}); it needs camera.json, poses.tum, depth/ and rgb/."
         ) from err
     frames = []
-    left = sum(1 for _ in (path / "rgb").glob("*.png")) - len(lines)
-    if left > 0:
-        _logger.warning("%s: %d of its images are left out, because poses.tum has no line for them.", path, left)
+    images = sum(1 for _ in (path / "rgb").glob("*.png"))
+    left_out = LeftOut(max(0, images - len(lines)), images, "poses.tum has no line for them")
     for step, line in enumerate(lines):
         exact = path / "depth" / f"{step:06d}.npy"
         depth = exact if exact.is_file() else exact.with_suffix(".png")
         colour = path / "rgb" / f"{step:06d}.png"
-        frames.append(Frame(float(line[0]), colour, depth, tum_matrix(line[1:4], line[4:8])))
+        frames.append(Frame(float(line[0]), colour, depth, _matrix(line)))
     facts = asdict_of(camera)
     unit = facts.pop("depth_unit_m")
-    return Sequence(path, Intrinsics(**facts), unit, tuple(frames), has_poses=has_poses)
+    return Sequence(path, Intrinsics(**facts), unit, tuple(frames), has_poses=has_poses, left_out=(left_out,))
+
+
+def _matrix(line: Float[np.ndarray, "8"]) -> Float[np.ndarray, "4 4"]:
+    """The pose of a line, of NaN where it is none."""
+    good = np.isfinite(line).all() and line[4:].any()
+    return tum_matrix(line[1:4], line[4:8]) if good else np.full((4, 4), np.nan)
 
 
 def _unposed_lines(path: Path) -> np.ndarray:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.camera_checks import FARTHEST_M, check_camera, check_time, no_poses
-from anm_mj.io.sequence import Sequence, ranges_text, require_below
+from anm_mj.io.sequence import LeftOut, Sequence, ranges_text, require_below
 
-_MOST_LEFT_OUT = 0.2
-"""A sequence with a larger share of frames without a pose is refused."""
 _ASSUMED_SIZE = (640, 480)
 """Of the images of the TUM data set [px]."""
-_HEIGHTS_M = (0.05, 50.0)
+_FLOAT_SUFFIXES = (".tif", ".tiff", ".npy", ".exr", ".pfm")
+"""Files of depth that mostly hold floating point."""
+_HEIGHTS_M = (0.05, 6.0)
 """Cameras stand between these above the floor [m]."""
+_CARRIED_M = (0.2, 2.5)
+"""Most do between these."""
 
 _logger = logging.getLogger(__name__)
 
@@ -39,29 +42,50 @@ def check_assumed_camera(sequence: Sequence) -> None:
 
 
 def say_assumed_unit(sequence: Sequence) -> None:
-    """Warn of a unit of depth that no file states."""
+    """Warn of a unit of depth that no file states; depth in floating point is in metres."""
+    first = sequence.frames[0].depth
+    if isinstance(first, Path) and first.suffix.lower() in _FLOAT_SUFFIXES:
+        return
     _logger.warning(
         "No file of %s states its unit of depth: %g m is assumed (--depth-unit).", sequence.path, sequence.depth_unit_m
     )
 
 
 def with_poses_alone(sequence: Sequence) -> Sequence:
-    """The frames whose pose can be one, with a warning; all of them where too many have none."""
+    """The frames whose pose can be one; all of them where too many have none."""
     shapes = {np.shape(frame.T_world_camera) for frame in sequence.frames}
     if shapes != {(4, 4)}:
         return sequence
     wrong = no_poses(np.array([frame.T_world_camera for frame in sequence.frames]))
-    if not 0 < np.count_nonzero(wrong) <= _MOST_LEFT_OUT * len(wrong):
+    count = int(np.count_nonzero(wrong))
+    if not 0 < count <= sequence.max_bad * len(wrong):
         return sequence
-    _logger.warning(
-        "%s: %d of %d frames are left out, because their pose is none (nan, zeros or no rotation): %s.",
-        sequence.path,
-        np.count_nonzero(wrong),
-        len(wrong),
-        ranges_text(np.flatnonzero(wrong).tolist()),
-    )
+    numbers = ranges_text(np.flatnonzero(wrong).tolist())
+    left_out = LeftOut(count, len(wrong), f"their pose is none (nan, zeros or no rotation): {numbers}")
     frames = tuple(frame for frame, bad in zip(sequence.frames, wrong, strict=True) if not bad)
-    return replace(sequence, frames=frames, interpolated=())
+    return replace(sequence, frames=frames, interpolated=(), left_out=(*sequence.left_out, left_out))
+
+
+def say_left_out(sequence: Sequence) -> None:
+    """Warn of the frames that are not read.
+
+    Raises:
+        RunFolderError: they are more than ``max_bad`` allows, or all.
+    """
+    told = [each for each in sequence.left_out if each.frames > 0]
+    for each in told:
+        _logger.warning("%s: %d of %d frames are left out, because %s.", sequence.path, each.frames, each.of, each.why)
+    if not sequence.frames:
+        worst = max(told, key=lambda each: each.frames, default=None)
+        because = "" if worst is None else f": {worst.frames} of {worst.of} are left out, because {worst.why}"
+        raise RunFolderError(f"{sequence.path} holds no frame that has colour, depth and a pose{because}.")
+    bad = {each.why: each.frames if each.bad is None else each.bad for each in told}
+    total = len(sequence) + sum(bad.values())
+    if sum(bad.values()) > sequence.max_bad * total:
+        raise RunFolderError(
+            f"{sum(bad.values())} of {total} frames of {sequence.path} cannot be used, more than "
+            f"{100.0 * sequence.max_bad:g} % (--max-bad), mostly because {max(bad, key=lambda why: bad[why])}."
+        )
 
 
 def check_sequence(sequence: Sequence) -> None:
@@ -113,9 +137,12 @@ def check_heights(sequence: Sequence, floor_m: float) -> None:
     """Warn of cameras that stand where nobody carries one: a unit, an axis or a floor is another one."""
     height_m = float(np.median([frame.T_world_camera[2, 3] for frame in sequence.frames])) - floor_m
     if not _HEIGHTS_M[0] <= height_m <= _HEIGHTS_M[1]:
+        tenths = [unit for unit in (0.1, 0.001, 10.0, 1000.0) if _CARRIED_M[0] <= unit * height_m <= _CARRIED_M[1]]
+        guess = f", as in --depth-unit {tenths[0] * sequence.depth_unit_m:g}" if tenths else ""
         _logger.warning(
-            "The cameras of %s are %.4g m above the floor: check the unit of depth (--depth-unit), the axis that "
+            "The cameras of %s are %.4g m above the floor: check the unit of depth (--depth-unit%s), the axis that "
             "points up (--up) and the floor (--floor).",
             sequence.path,
             height_m,
+            guess,
         )

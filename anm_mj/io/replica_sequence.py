@@ -12,7 +12,7 @@ from msgspec import Meta, Struct
 from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
-from anm_mj.io.sequence import FRAME_S, Frame, Sequence, from_pixel_centres, say_left_out
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres
 from anm_mj.io.sequence_text import in_number_order, number_rows
 from anm_mj.utils.read_file import convert
 
@@ -49,18 +49,30 @@ def read_replica(folder: Path) -> Sequence:
         raise RunFolderError(f"{folder} has no cam_params.json, neither in it nor beside it.")
     facts = convert(stated, _ReplicaParameters).camera
     camera = from_pixel_centres(facts.w, facts.h, (facts.fx, facts.fy, facts.cx, facts.cy))
-    coloured, measured = ({path.stem.lstrip("framedpth") for path in images} for images in (colour, depth))
-    alone = sorted(coloured ^ measured)
-    if alone:
-        raise RunFolderError(
-            f"{images} has a colour or a depth image without its partner (number {alone[0]}, {len(alone)} in all): "
-            "copy it again, or remove the other one."
-        )
-    say_left_out(folder, min(len(poses), len(colour)), len(colour), "traj.txt has no pose for them")
-    frames = (
-        Frame(index * FRAME_S, colour[index], depth[index], pose) for index, pose in enumerate(poses[: len(colour)])
+    coloured, measured = ({_number(path): path for path in images} for images in (colour, depth))
+    numbers = sorted(coloured.keys() | measured.keys())
+    # Where numbers are missing, the count of poses says whether they have one.
+    by_number = bool(numbers) and numbers[-1] - numbers[0] + 1 == len(poses)
+    frames, paired = [], 0
+    for rank, number in enumerate(numbers):
+        line = number - numbers[0] if by_number else rank
+        if number in coloured and number in measured:
+            paired += 1
+            if line < len(poses):
+                frames.append(Frame(line * FRAME_S, coloured[number], measured[number], poses[line]))
+    left_out = (
+        LeftOut(len(numbers) - paired, len(numbers), "they have a colour or a depth image without its partner"),
+        LeftOut(paired - len(frames), paired, "traj.txt has no pose for them"),
     )
-    return Sequence(folder, camera, 1.0 / facts.scale, tuple(frames), resize=True)
+    return Sequence(folder, camera, 1.0 / facts.scale, tuple(frames), resize=True, left_out=left_out)
+
+
+def _number(path: Path) -> int:
+    """The last number in a name; raises ValueError if there is none."""
+    found = [part for part in in_number_order(path.stem) if isinstance(part, int)]
+    if not found:
+        raise ValueError(f"{path.name} has no number")
+    return found[-1]
 
 
 def _poses(path: Path) -> Float[np.ndarray, "n 4 4"]:

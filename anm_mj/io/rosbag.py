@@ -8,9 +8,8 @@ said by the user where several fit. Depth has to be registered to the colour ima
 from __future__ import annotations
 
 import logging
-import os
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,35 +19,25 @@ from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
+from anm_mj.io.bag_files import readable_parts
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
-from anm_mj.io.bag_poses import FrameTree, Track
-from anm_mj.io.bag_reader import BagReader, Stamp
-from anm_mj.io.sequence import Frame, Sequence, say_left_out
+from anm_mj.io.bag_motion import BagMotion
+from anm_mj.io.bag_poses import GAP_S
+from anm_mj.io.bag_reader import Stamp
+from anm_mj.io.sequence import Frame, LeftOut, Sequence
 from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index
 from anm_mj.types import Intrinsics
-from anm_mj.utils.read_file import open_regular
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _CALIBRATION = "sensor_msgs/msg/CameraInfo"
-_TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_POSES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/TransformStamped",
-)
 _ROLES = ("colour", "depth", "camera", "pose")
 """What a topic can be named for."""
-_TF = "tf"
-"""Stands for the tree of frames where a topic of poses is named."""
+
+_SAME_CAMERA = 0.01
+"""Calibrations that differ by a smaller share of the image's width tell of one camera."""
 
 _logger = logging.getLogger(__name__)
-
-
-def is_recording(path: Path) -> bool:
-    """Whether a path is a bag: a ``.bag`` or ``.mcap`` file, or a folder with a ``metadata.yaml``."""
-    return path.suffix in (".bag", ".mcap") or os.path.isfile(path / "metadata.yaml")
 
 
 def read_recording(
@@ -58,6 +47,8 @@ def read_recording(
     camera: tuple[float, float, float, float] | None = None,
     *,
     needs_poses: bool = True,
+    match_s: float = MATCH_S,
+    max_gap_s: float = GAP_S,
 ) -> Sequence:
     """Open a recording.
 
@@ -68,6 +59,8 @@ def read_recording(
         depth_unit_m: Metres per unit of 16-bit depth; None = 1 mm, as REP 118 has it.
         camera: fx, fy, cx, cy of the colour images [px]; None = as the calibration says.
         needs_poses: Whether frames without a pose are left out, and a bag that has no poses is refused.
+        match_s: Colour and depth belong together up to this difference [s].
+        max_gap_s: Between poses that lie farther apart, nothing is known [s].
 
     Raises:
         RunFolderError: The package rosbags is missing, the bag cannot be read, or it does not say where the camera was.
@@ -82,13 +75,11 @@ def read_recording(
     if unknown:
         raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(_ROLES)}.")
     try:
-        # The package would wait for a FIFO.
-        for file in sorted(path.iterdir()) if path.is_dir() else (path,):
-            if not file.is_dir():
-                open_regular(file).close()
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        # A cut file stands for a path here.
+        parts: list[Any] = list(readable_parts(path))
+        reader = AnyReader(parts, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-        bag = _Bag(path, reader, topics, depth_unit_m or 0.001, camera, needs_poses)
+        bag = _Bag(path, reader, topics, max_gap_s, depth_unit_m or 0.001, camera, match_s, needs_poses)
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
         return bag.sequence()
@@ -100,11 +91,12 @@ def read_recording(
 
 
 @dataclass(eq=False)
-class _Bag(BagReader):
+class _Bag(BagMotion):
     """Finds camera, images and poses in an open bag."""
 
     depth_unit_m: float
     camera: tuple[float, float, float, float] | None
+    match_s: float
     needs_poses: bool
 
     def sequence(self) -> Sequence:
@@ -121,15 +113,40 @@ class _Bag(BagReader):
                 colour_frame,
             )
         intrinsics, distortion = self._intrinsics(colour, depth, camera_frame)
-        says_poses = self.needs_poses or self._says_poses(camera_frame)
-        pose_at = self._poses(camera_frame) if says_poses else lambda _: None
+        says_poses = self.needs_poses or self.says_poses(camera_frame)
+        motion = self.motion(camera_frame) if says_poses else None
         single = {stamp.time_s: stamp for stamp in reversed(depths)}
-        say_left_out(self.path, len(single), len(depths), "their depth has the time of another one")
-        pairs = _pairs(sorted(single.values()), colours)
-        say_left_out(self.path, len(pairs), len(single), f"no colour is within {MATCH_S:g} s of their depth")
-        poses = [pose_at(depth_stamp.time_s) for depth_stamp, _ in pairs]
+        pairs = _pairs(sorted(single.values()), colours, self.match_s)
+        if not pairs and depths and colours:
+            raise RunFolderError(
+                f"No colour image of {self.path} is within {self.match_s:g} s of a depth image (--match): {depth} has "
+                f"stamps {_range([stamp.time_s for stamp in depths])}, {colour} {_range([c.time_s for c in colours])}."
+            )
+        poses = [None if motion is None else motion.at(depth_stamp.time_s) for depth_stamp, _ in pairs]
         kept = [k for k, T in enumerate(poses) if T is not None or not self.needs_poses]
-        say_left_out(self.path, len(kept), len(pairs), "no pose of the camera is known at their time")
+        why = "no pose of the camera is known at their time"
+        if motion is not None and len(kept) < len(pairs):
+            lost = next(k for k, T in enumerate(poses) if T is None)
+            link = motion.unknown(pairs[lost][0].time_s)
+            if link is not None and link.times_s:
+                why += (
+                    f" (images have stamps {_range([stamp.time_s for stamp, _ in pairs])}; {link.name} is stated "
+                    f"{_range(list(link.span_s))}, with gaps of more than {self.max_gap_s:g} s, --max-gap)"
+                )
+                if link.span_s[0] > pairs[-1][0].time_s or link.span_s[1] < pairs[0][0].time_s:
+                    why += ": their clocks differ; record both by one clock"
+        # Copies, and images of the faster one of two rates, are not missed.
+        copies, alone = len(depths) - len(single), len(single) - len(pairs)
+        left_out = (
+            LeftOut(copies, len(depths), "their depth has the time of another one", bad=0),
+            LeftOut(
+                alone,
+                len(single),
+                f"no colour is within {self.match_s:g} s of their depth (--match)",
+                bad=max(0, alone - max(0, len(single) - len(colours))),
+            ),
+            LeftOut(len(pairs) - len(kept), len(pairs), why),
+        )
         matrices, missing = bridged([pairs[k][0].time_s for k in kept], [poses[k] for k in kept])
         frames = []
         for k, T in zip(kept, matrices, strict=True):
@@ -151,16 +168,8 @@ class _Bag(BagReader):
             distortion=distortion,
             has_poses=self.needs_poses or len(missing) < len(kept),
             interpolated=missing,
+            left_out=left_out,
         )
-
-    def _says_poses(self, camera_frame: str) -> bool:
-        """Whether the user names poses, or there are any."""
-        if "pose" in self.topics or self.of_type(*_POSES):
-            return True
-        try:
-            return self._tree().moves(camera_frame)
-        except ValueError:
-            return False
 
     def _image_topic(self, role: str) -> str:
         """The topic of colour or depth: the one that was named, or the only one whose first image is of that kind."""
@@ -180,6 +189,7 @@ class _Bag(BagReader):
         same = [topic for topic in there if self.first(topic).header.frame_id == camera_frame]
         topic = self.chosen("camera", there, beside[:1] or same)
         found = self.first(topic)
+        self._say_other_calibrations(topic, found, [each for each in beside if each != topic])
         if self.changes(topic):
             raise RunFolderError(
                 f"{topic} in {self.path} changes in the course of the bag, but a sequence has one camera; give it by "
@@ -206,72 +216,27 @@ class _Bag(BagReader):
         fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
         return Intrinsics(int(found.width), int(found.height), float(fx), float(fy), float(cx), float(cy)), bent
 
-    def _poses(self, camera_frame: str) -> Callable[[float], Float[np.ndarray, "4 4"] | None]:
-        """Where the camera was at a time: from tf where it leads there, else from the only topic of poses."""
-        tree = self._tree()
-        fit = self.of_type(*_POSES)
-        named = self.topics.get("pose")
-        try:
-            if named in (None, _TF) and tree.moves(camera_frame):
-                root = tree.chain(camera_frame)[-1]
-                return lambda time_s: tree.pose(camera_frame, root, time_s)
-            if named == _TF or (named is None and not fit and tree.parents):
-                raise RunFolderError(
-                    f"The frames in {self.path} say nothing about how '{camera_frame}' moves; record /tf and "
-                    "/tf_static, or poses of the camera."
+    def _say_other_calibrations(self, topic: str, taken: Any, others: list[str]) -> None:
+        """Warn where the calibration beside colour and that beside depth tell of different cameras."""
+        for other in others:
+            also = self.first(other)
+            mine, theirs = (self._focal_and_centre(info) for info in (taken, also))
+            if np.abs(mine - theirs).max() > _SAME_CAMERA * max(taken.width, 1):
+                _logger.warning(
+                    "%s: two calibrations differ, fx, fy, cx, cy = %s px of %s, which is taken, and %s px of %s: if "
+                    "depth is registered to the colour, that of the colour is true (--topic camera=%s).",
+                    self.path,
+                    ", ".join(f"{value:.5g}" for value in mine),
+                    topic,
+                    ", ".join(f"{value:.5g}" for value in theirs),
+                    other,
+                    other,
                 )
-            topic = self.chosen("pose", fit, fit)
-            track, moved = self._track(topic)
-            if moved is None:
-                return track.at
-            # An odometry tells of its own frame, and the frames how the camera stands in that.
-            fixed = tree.pose(camera_frame, moved, 0.0)
-        except ValueError as err:
-            raise RunFolderError(
-                f"The frames in {self.path} do not say where '{camera_frame}' is ({err}); name a topic with poses of "
-                "the camera by --topic pose=NAME."
-            ) from err
-        if fixed is None:
-            raise RunFolderError(
-                f"{topic} in {self.path} tells of the frame '{moved}', and no /tf_static how '{camera_frame}' stands "
-                "in it; record /tf_static, or name a topic with poses of the camera by --topic pose=NAME."
-            )
 
-        def at(time_s: float) -> Float[np.ndarray, "4 4"] | None:
-            T = track.at(time_s)
-            return None if T is None else T @ fixed
-
-        return at
-
-    def _tree(self) -> FrameTree:
-        tree = FrameTree()
-        for topic in self.of_type(*_TRANSFORMS):
-            for message in self.messages(topic):
-                for one in message.transforms:
-                    pose, parent = _pose(one.transform.translation, one.transform.rotation), one.header.frame_id
-                    tree.add(parent, one.child_frame_id, _time_s(one.header), pose, static=topic.endswith("static"))
-        return tree
-
-    def _track(self, topic: str) -> tuple[Track, str | None]:
-        """Poses of a topic, and the frame that moves; None = that of the camera.
-
-        Raises ValueError where there are several.
-        """
-        track, moved = Track(topic), set()
-        for message in self.messages(topic):
-            if hasattr(message, "transform"):
-                pose = _pose(message.transform.translation, message.transform.rotation)
-            else:
-                stated = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-                pose = _pose(stated.position, stated.orientation)
-            moved.add(getattr(message, "child_frame_id", None))
-            track.add(_time_s(message.header), pose)
-        if len(moved) > 1:
-            raise ValueError(f"{topic} tells of several: {', '.join(sorted(map(repr, moved)))}")
-        (frame,) = moved or {None}
-        if frame == "" and "pose" not in self.topics:
-            raise ValueError(f"{topic} does not say of which frame it tells")
-        return track, frame or None
+    def _focal_and_centre(self, info: Any) -> Float[np.ndarray, "4"]:
+        # A bag of ROS 1 has upper-case names.
+        matrix = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
+        return matrix[[0, 4, 2, 5]]
 
 
 def _folders(topic: str) -> tuple[str, ...]:
@@ -279,16 +244,12 @@ def _folders(topic: str) -> tuple[str, ...]:
     return (parent, parent.rpartition("/")[0]) if "ompressed" in topic else (parent,)
 
 
-def _pairs(depth: list[Stamp], colour: list[Stamp]) -> list[tuple[Stamp, Stamp]]:
+def _range(times_s: list[float]) -> str:
+    return f"from {min(times_s):.3f} to {max(times_s):.3f} s"
+
+
+def _pairs(depth: list[Stamp], colour: list[Stamp], match_s: float) -> list[tuple[Stamp, Stamp]]:
     """Each depth image with the colour image that is nearest in time; both lists are in order."""
     times_s = [stamp.time_s for stamp in colour]
-    nearest = ((stamp, nearest_index(times_s, stamp.time_s)) for stamp in depth)
+    nearest = ((stamp, nearest_index(times_s, stamp.time_s, match_s)) for stamp in depth)
     return [(stamp, colour[index]) for stamp, index in nearest if index is not None]
-
-
-def _time_s(header: Any) -> float:
-    return header.stamp.sec + header.stamp.nanosec * 1e-9
-
-
-def _pose(xyz: Any, q: Any) -> Float[np.ndarray, "7"]:
-    return np.array([xyz.x, xyz.y, xyz.z, q.x, q.y, q.z, q.w], dtype=np.float64)

@@ -19,7 +19,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.camera_checks import FARTHEST_M
-from anm_mj.io.image import read_image
+from anm_mj.io.image import is_sentinel, read_image
 from anm_mj.io.sequence_poses import base_pose
 from anm_mj.types import Intrinsics, Observation
 from anm_mj.utils.file_limits import limit
@@ -29,6 +29,8 @@ _logger = logging.getLogger(__name__)
 
 FRAME_S = 1.0 / 30.0
 """From one frame to the next, where a layout states no times [s]."""
+MAX_BAD = 0.2
+"""Default of :attr:`Sequence.max_bad`."""
 _MAX_FRAMES = limit("ANM_MJ_MAX_FRAMES", 200_000)
 _MOST_RANGES = 20
 """So many ranges of frames are named in one message."""
@@ -47,6 +49,19 @@ class Frame:
     """16-bit PNG in units of ``depth_unit_m``, or ``.npy``, float32 in metres; 0 or NaN where nothing. A function gives
     metres."""
     T_world_camera: Float[np.ndarray, "4 4"]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Frames of a recording that are not read."""
+
+    frames: int
+    of: int
+    """So many could be there."""
+    why: str
+    """Follows "because"."""
+    bad: int | None = None
+    """So many of them are a fault; None = all."""
 
 
 @dataclass(frozen=True)
@@ -76,42 +91,78 @@ class Sequence:
     """Whether the files state distances along the rays instead of planar depth."""
     mirrored: bool = False
     """Whether the images are mirrored left to right."""
+    left_out: tuple[LeftOut, ...] = ()
+    """What the files hold beside the frames."""
+    max_bad: float = MAX_BAD
+    """Largest share of frames whose images may be such that they cannot be used."""
 
     def __len__(self) -> int:
         return len(self.frames)
 
-    def observations(self) -> Iterator[Observation]:
+    def observations(self, *, says_bad: bool = True) -> Iterator[Observation]:
         """The frames in order; the frame number is the step of the observation.
 
+        A frame whose images are missing or damaged, or of another size than the camera's, is left out; at the end a
+        warning counts and names them.
+
+        Args:
+            says_bad: Whether it does.
+
         Raises:
-            RunFolderError: an image is missing or damaged, or its size is another than the camera's.
+            RunFolderError: more than ``max_bad`` of the frames are bad.
         """
+        bad: list[int] = []
+        first = ""
         for step, frame in enumerate(self.frames):
-            rgb = read_image(frame.colour, "RGB") if isinstance(frame.colour, Path) else frame.colour()
-            depth_m = self._depth_m(frame.depth)
-            camera = self.intrinsics
-            if self.resize:
-                self._check_shape(step, rgb.shape[:2], depth_m.shape)
-                rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
-                rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
-                camera = self._scaled(cols, rows)
-            expected = (camera.height, camera.width)
-            if depth_m.shape != expected or rgb.shape[:2] != expected:
-                raise RunFolderError(
-                    f"Frame {step} of {self.path} has depth of {depth_m.shape} and colour of {rgb.shape[:2]} rows and "
-                    f"columns; the camera has {expected}."
-                )
-            if self.distortion is not None:
-                straight = undistortion(camera, self.distortion)
-                rgb, depth_m = straight.colour(rgb), straight.depth(depth_m)
-            if self.mirrored:
-                rgb, depth_m = np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(depth_m[:, ::-1])
-            if self.ray_depth:
-                depth_m = depth_m / np.linalg.norm(pixel_directions(camera), axis=-1).astype(np.float32)
-            if self.depth_scale != 1.0:
-                depth_m = depth_m * np.float32(self.depth_scale)
-            pose = base_pose(frame.T_world_camera)
-            yield Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
+            try:
+                observation = self._observation(step, frame)
+            except RunFolderError as err:
+                first = first or str(err)
+                bad.append(step)
+                if len(bad) > self.max_bad * len(self.frames):
+                    raise RunFolderError(
+                        f"{first} With it {len(bad)} of {len(self.frames)} frames of {self.path} cannot be used "
+                        f"({ranges_text(bad)}), more than {100.0 * self.max_bad:g} % (--max-bad)."
+                    ) from err
+                continue
+            yield observation
+        if bad and says_bad:
+            _logger.warning(
+                "%s: %d of %d frames are left out, because their images cannot be used: %s. The first: %s",
+                self.path,
+                len(bad),
+                len(self.frames),
+                ranges_text(bad),
+                first,
+            )
+
+    def _observation(self, step: int, frame: Frame) -> Observation:
+        """One frame; raises RunFolderError."""
+        rgb = read_image(frame.colour, "RGB") if isinstance(frame.colour, Path) else frame.colour()
+        depth_m = self._depth_m(frame.depth)
+        camera = self.intrinsics
+        if self.resize:
+            self._check_shape(step, rgb.shape[:2], depth_m.shape)
+            rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
+            rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
+            camera = self._scaled(cols, rows)
+        expected = (camera.height, camera.width)
+        if depth_m.shape != expected or rgb.shape[:2] != expected:
+            raise RunFolderError(
+                f"Frame {step} of {self.path} has depth of {depth_m.shape} and colour of {rgb.shape[:2]} rows and "
+                f"columns; the camera has {expected}."
+            )
+        if self.distortion is not None:
+            straight = undistortion(camera, self.distortion)
+            rgb, depth_m = straight.colour(rgb), straight.depth(depth_m)
+        if self.mirrored:
+            rgb, depth_m = np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(depth_m[:, ::-1])
+        if self.ray_depth:
+            depth_m = depth_m / np.linalg.norm(pixel_directions(camera), axis=-1).astype(np.float32)
+        if self.depth_scale != 1.0:
+            depth_m = depth_m * np.float32(self.depth_scale)
+        pose = base_pose(frame.T_world_camera)
+        return Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
 
     def moved(self, T_new_world: Float[np.ndarray, "4 4"]) -> Sequence:
         """The same frames in another world."""
@@ -120,7 +171,7 @@ class Sequence:
 
     def first(self) -> Sequence:
         """The first frame alone."""
-        return replace(self, frames=self.frames[:1])
+        return replace(self, frames=self.frames[:1], left_out=(), max_bad=0.0)
 
     def without_poses(self) -> Sequence:
         """The same frames, all of them at the origin."""
@@ -157,6 +208,14 @@ class Sequence:
         u, v = (0.5 * (1.0 - x), 0.5 * (1.0 - y)) if self.keeps_corner_pixels else (0.0, 0.0)
         return Intrinsics(width, height, camera.fx * x, camera.fy * y, camera.cx * x + u, camera.cy * y + v)
 
+    def _metres(self, stated: np.ndarray) -> Float32[np.ndarray, "..."]:
+        """Depth as a file states it, in metres; NaN where a whole number is that of "nothing measured"."""
+        # Floating point is in metres.
+        if stated.dtype.kind not in "iu":
+            return stated.astype(np.float32)
+        depth_m = stated.astype(np.float32) * np.float32(self.depth_unit_m)
+        return np.where(is_sentinel(stated), np.float32(np.nan), depth_m)
+
     def _depth_m(self, path: Path | Callable[[], Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
         if not isinstance(path, Path):
             depth_m = path()
@@ -165,24 +224,14 @@ class Sequence:
                 depth_m = read_npy(path)
                 if depth_m.dtype.kind not in "fiu":
                     raise ValueError(f"it holds {depth_m.dtype}, which is no depth")
-                unit = self.depth_unit_m if depth_m.dtype.kind in "iu" else 1.0
-                depth_m = depth_m.astype(np.float32) * np.float32(unit)
+                depth_m = self._metres(depth_m)
             except (OSError, ValueError) as err:
                 raise RunFolderError(f"{path} cannot be read ({err}).") from err
         else:
-            stated = read_image(path)
-            # Floating point is in metres.
-            unit = self.depth_unit_m if stated.dtype.kind in "iu" else 1.0
-            depth_m = stated.astype(np.float32) * np.float32(unit)
+            depth_m = self._metres(read_image(path))
         if depth_m.ndim != 2:
             raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
         return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
-
-
-def say_left_out(folder: Path, kept: int, listed: int, why: str) -> None:
-    """Warn of frames that are not read."""
-    if kept < listed:
-        _logger.warning("%s: %d of %d frames are left out, because %s.", folder, listed - kept, listed, why)
 
 
 def require_below(folder: Path, frames: Iterable[Frame]) -> None:

@@ -33,13 +33,16 @@ def floor_below_first_m(sequence: Sequence) -> float:
 
 def find_floor_m(sequence: Sequence) -> float:
     """Height of the floor: the lowest level that holds many of the points below the cameras [m]."""
-    some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)])
+    # Some bad frames are the affair of whoever reads all.
+    some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)], max_bad=1.0)
     heights = []
-    for observation in some.observations():
+    for observation in some.observations(says_bad=False):
         depth_m = observation.depth_m[::4, ::4]
         measured = np.isfinite(depth_m)
         points = pixel_directions(observation.intrinsics)[::4, ::4][measured] * depth_m[measured][:, None]
         heights.append(transform_points(observation.T_world_camera, points)[:, 2])
+    if not heights:
+        next(sequence.first().observations())
     below = np.median([frame.T_world_camera[2, 3] for frame in some.frames])
     z = np.concatenate(heights)
     z = z[z < below]

@@ -17,18 +17,22 @@ import numpy as np
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import rigid_transform
 from anm_mj.geometry.lens_distortion import LensDistortion
-from anm_mj.io.camera_checks import FARTHEST_M
-from anm_mj.io.layout_table import LAYOUTS
+from anm_mj.io.bag_files import files_in, is_recording
+from anm_mj.io.bag_poses import GAP_S
+from anm_mj.io.camera_checks import FARTHEST_M, LATEST_S
+from anm_mj.io.layout_table import LAYOUTS, Times
 from anm_mj.io.plausible_sequence import (
     check_assumed_camera,
     check_heights,
     check_sequence,
     say_assumed_unit,
+    say_left_out,
     with_poses_alone,
 )
-from anm_mj.io.rosbag import is_recording, read_recording
-from anm_mj.io.sequence import Sequence, ranges_text
+from anm_mj.io.rosbag import read_recording
+from anm_mj.io.sequence import MAX_BAD, Sequence, ranges_text
 from anm_mj.io.sequence_floor import find_floor_m, floor_below_first_m
+from anm_mj.io.sequence_poses import MATCH_S
 
 UP = {
     "z": np.eye(3),
@@ -68,6 +72,12 @@ class SequenceOptions:
     """Whether the poses of the files are not used."""
     distortion: LensDistortion | Literal["files"] | None = "files"
     """Of the lens; None = there is none, ``files`` = as they say."""
+    match_s: float = MATCH_S
+    """Colour and depth with times of their own belong together up to this difference [s]."""
+    max_gap_s: float = GAP_S
+    """Poses are interpolated between two that lie no farther apart [s]."""
+    max_bad: float = MAX_BAD
+    """A sequence with a larger share of frames that cannot be used is refused."""
     judge: Callable[[Sequence, str], tuple[Sequence, str]] | None = None
     """Looks at the sequence as its files state it, and at the axis that is taken to point up, before the floor is
     looked for; gives both back, put right."""
@@ -77,7 +87,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     """Open a recorded sequence, and say in which layout it is.
 
     Args:
-        path: Its folder, a ``transforms.json``, or a bag: its folder, a ``.mcap`` or a ``.bag`` file.
+        path: Its folder, a ``transforms.json``, or a bag: its folder, a ``.mcap``, ``.db3`` or ``.bag`` file.
         options: What the files do not say.
 
     Raises:
@@ -90,15 +100,26 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join(UP)}.")
     if options.every < 1:
         raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
-    if options.layout == BAG or (options.layout is None and is_recording(path)):
+    if not 0.0 <= options.max_bad <= 1.0:
+        raise RunFolderError(f"--max-bad is {options.max_bad:g}; give a share from 0 to 1.")
+    for name, value in (("--match", options.match_s), ("--max-gap", options.max_gap_s)):
+        if not 0.0 < value < LATEST_S:
+            raise RunFolderError(f"{name} is {value:g}; give a time above 0 in seconds.")
+    if options.layout == BAG or (options.layout is None and (is_recording(path) or _holds_bag_alone(path))):
         sequence = read_recording(
-            path, options.topics, options.depth_unit_m, options.camera, needs_poses=options.needs_poses
+            path,
+            options.topics,
+            options.depth_unit_m,
+            options.camera,
+            needs_poses=options.needs_poses,
+            match_s=options.match_s,
+            max_gap_s=options.max_gap_s,
         )
         found = BAG
     else:
         sequence, found = _read_folder(path, options)
-    if not sequence.frames:
-        raise RunFolderError(f"{path} holds no frame that has colour, depth and a pose.")
+    sequence = with_poses_alone(replace(sequence, max_bad=options.max_bad))
+    say_left_out(sequence)
     if options.ignores_poses:
         sequence = sequence.without_poses()
     if sequence.has_poses and sequence.interpolated:
@@ -120,7 +141,6 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
     elif sequence.assumes_camera:
         say_assumed_unit(sequence)
-    sequence = with_poses_alone(sequence)
     check_sequence(sequence)
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
@@ -137,6 +157,16 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     return sequence.moved(rigid_transform(np.eye(3).ravel(), np.array([0.0, 0.0, -floor_m]))), found
 
 
+def _holds_bag_alone(path: Path) -> bool:
+    """Whether a folder holds files of a bag, and nothing that tells of another layout."""
+    if not os.path.isdir(path) or any((path / sign).exists() for each in LAYOUTS.values() for sign in each.signs):
+        return False
+    try:
+        return bool(files_in(path))
+    except OSError:
+        return False
+
+
 def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
     folder = path.parent if path.name == "transforms.json" else path
     if options.topics:
@@ -151,6 +181,7 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
         signs = ", ".join(f"{sign} ({name})" for name, sign in signs.items())
         raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
     try:
-        return LAYOUTS[found].read(folder, options.needs_poses), found
+        times = Times(options.needs_poses, options.match_s, options.max_gap_s)
+        return LAYOUTS[found].read(folder, times), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err

@@ -66,9 +66,9 @@ def tum_matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]
     return rigid_transform(Rotation.from_quat(quaternion).as_matrix().ravel(), xyz_m)
 
 
-def nearest_index(times_s: list[float], time_s: float) -> int | None:
-    """Index of the nearest of times in ascending order; None if it is more than ``MATCH_S`` away."""
+def nearest_index(times_s: list[float], time_s: float, within_s: float = MATCH_S) -> int | None:
+    """Index of the nearest of times in ascending order; None if it is more than ``within_s`` away."""
     after = bisect_left(times_s, time_s)
     near = range(max(0, after - 1), min(after + 1, len(times_s)))
     nearest = min(near, key=lambda index: abs(times_s[index] - time_s), default=None)
-    return None if nearest is None or not abs(times_s[nearest] - time_s) <= MATCH_S else nearest
+    return None if nearest is None or not abs(times_s[nearest] - time_s) <= within_s else nearest

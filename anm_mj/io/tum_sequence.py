@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +14,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_poses import GAP_S, Track
 from anm_mj.io.image import read_image
-from anm_mj.io.sequence import Frame, Sequence, from_pixel_centres, require_below, require_count, say_left_out
+from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres, require_below, require_count
 from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index, tum_matrix
 from anm_mj.io.sequence_text import number_rows, rows, with_slashes
 
@@ -34,13 +35,15 @@ _DEFAULT_CAMERA = (525.0, 525.0, 319.5, 239.5)
 _logger = logging.getLogger(__name__)
 
 
-def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
+def read_tum(folder: Path, *, needs_poses: bool = True, match_s: float = MATCH_S, max_gap_s: float = GAP_S) -> Sequence:
     """The depth images that have a colour image near them in time, and a pose.
 
     Args:
         folder: Of the sequence.
         needs_poses: Whether frames without a pose are left out, and a folder without groundtruth.txt is refused;
             else poses are interpolated, or there are none.
+        match_s: Colour and depth belong together up to this difference [s].
+        max_gap_s: Poses are interpolated between two that lie no farther apart [s].
 
     Raises:
         OSError, ValueError, IndexError, RunFolderError: A list or the first image is missing or damaged.
@@ -53,21 +56,31 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
     require_count(len(depth))
     colour_times, pose_times = [time_s for time_s, _ in colour], [float(line[0]) for line in poses]
     track = Track(truth.name, pose_times, [line[1:] for line in poses])
-    chosen, found = [], []
+    track.gap_s = max_gap_s
+    chosen, found, alone = [], [], 0
     for time_s, name in depth:
-        image, pose = nearest_index(colour_times, time_s), _pose(track, time_s)
+        image, pose = nearest_index(colour_times, time_s, match_s), _pose(track, time_s)
+        alone += image is None
         if image is not None and (pose is not None or not needs_poses):
             chosen.append((time_s, folder / colour[image][1], folder / name))
             found.append(pose)
+    left_out = (
+        # Images of the faster one of two rates are not missed.
+        LeftOut(
+            alone,
+            len(depth),
+            f"no colour image is near their depth in time ({match_s:g} s, --match){_ranges(depth, colour)}",
+            bad=max(0, alone - max(0, len(depth) - len(colour))),
+        ),
+        LeftOut(
+            len(depth) - alone - len(chosen),
+            len(depth) - alone,
+            f"no pose is near their depth in time ({MATCH_S:g} s, {max_gap_s:g} s between two poses, --max-gap)"
+            f"{_ranges(depth, poses)}",
+        ),
+    )
     matrices, missing = bridged([time_s for time_s, _, _ in chosen], found)
     frames = [Frame(time_s, image, depth, T) for (time_s, image, depth), T in zip(chosen, matrices, strict=True)]
-    partners = "image or no pose is" if needs_poses else "image is"
-    say_left_out(
-        folder,
-        len(frames),
-        len(depth),
-        f"no {partners} near their depth in time ({MATCH_S:g} s, {GAP_S:g} s between two poses)",
-    )
     key = next((key for key in _CAMERAS if key in folder.resolve().name), "")
     stated = _stated_camera(folder)
     known = stated or _CAMERAS.get(key, _DEFAULT_CAMERA)
@@ -87,7 +100,18 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
         has_poses=needs_poses or len(missing) < len(frames),
         interpolated=missing,
         assumes_camera=not (key or stated),
+        left_out=left_out,
     )
+
+
+def _ranges(depth: list[tuple[float, str]], others: list[Any]) -> str:
+    """The times of two ordered lists that do not overlap, in words; else nothing."""
+    if not depth or not others:
+        return ""
+    first, last, begin, end = depth[0][0], depth[-1][0], float(others[0][0]), float(others[-1][0])
+    if begin <= last and first <= end:
+        return ""
+    return f": depth is of {first:.3f} to {last:.3f} s, the others of {begin:.3f} to {end:.3f} s; their clocks differ"
 
 
 def _pose(track: Track, time_s: float) -> Float[np.ndarray, "4 4"] | None:

@@ -18,7 +18,9 @@ from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.types import SurfaceErrors
 
 SCALE_M = 0.0014
-"""Reducible part of the expected error at a variance of 1 [m]; the constant beside it is 0.0018 m."""
+"""Reducible part of the expected error at a variance of 1 [m]."""
+CONSTANT_M = np.float32(0.0018)
+"""The part beside it that stays [m]."""
 EXPONENT = 0.54
 """The reducible part grows with this power of the variance."""
 

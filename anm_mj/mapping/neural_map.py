@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.expected_error import expected_errors
+from anm_mj.mapping.expected_error import CONSTANT_M, expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
@@ -163,6 +163,11 @@ class NeuralMap:
         """
         points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m, max_height_m)
         return SurfacePoints(points, normals, self.uncertainty(points))
+
+    def expected_error_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """How far the surface at world points on it [m] is expected to lie from the true one [m], the constant too."""
+        exponent = self.config.schedule.density_exponent
+        return expected_errors(self.backend, self.occupancy.by_depth, points_m, exponent).error_m + CONSTANT_M
 
     def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
         """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.expected_error`)."""

@@ -39,7 +39,8 @@ LEGEND = (
     ("Voronoi graph", palette.GRAPH),
     ("region of interest", palette.REGION),
     ("trajectory", palette.TRAJECTORY),
-    ("path, target", palette.PATH),
+    ("path", palette.PATH),
+    ("target", palette.TARGET),
     ("robot", palette.CAMERA),
 )
 

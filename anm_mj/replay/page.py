@@ -14,7 +14,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, Float32, UInt8
 from PIL import Image
 
 from anm_mj.io.plan_file import PlanRecord
@@ -27,6 +27,10 @@ MAX_FACES = 300_000
 """Larger meshes are thinned, so that the page stays below some 15 MB."""
 MAX_IMAGES = 600
 """Longer runs show every second, third ... image."""
+CLIP_PERCENT = (2.0, 98.0)
+"""Between these percentiles the colours change."""
+SHARDS_PERCENT = 0.2
+"""This share of the vertices at each side of the scene may be out of view at first."""
 IMAGE_PX = 160
 IMAGE_QUALITY = 75
 COVERAGE_OF = {"observable": "the observable surface", "completion": "the surface"}
@@ -57,7 +61,7 @@ def replay_page(
         "LICENCE": assets.bundle_licence(),
         "BUNDLE": assets.bundle(),
         "DATA": assets.script_json({**_data(timeline, mesh), **images}),
-        "PROGRAM": assets.page_asset("replay.js"),
+        "PROGRAM": assets.page_program("theme.js", "view.js", "curve.js", "replay.js"),
     }
     return assets.filled("replay.html", parts)
 
@@ -67,8 +71,7 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
     legend = (*palette.LEGEND, *palette.TRUTH_LEGEND)
     plans, graphs = _plans(timeline)
     name, coverage = timeline.coverage
-    bounds = timeline.xy_m if mesh is None or not len(mesh.vertices_m) else mesh.vertices_m[:, :2]
-    low, high = bounds.min(axis=0), bounds.max(axis=0)
+    low, high = _bounds_m(timeline, mesh)
     poses = [(frame.pose.x_m, frame.pose.y_m, frame.pose.yaw_rad) for frame in run.frames]
     # Column-major, as three.js has it.
     cameras = [frame.T_world_camera.T.ravel() for frame in run.frames]
@@ -99,9 +102,19 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         },
         "colours": {key: palette.number(colour) for key, _, colour in legend},
         "legend": legend,
-        "centre": ((low + high) / 2.0).tolist(),
-        "size": float(max(high - low)),
+        "low": low.tolist(),
+        "high": high.tolist(),
     }
+
+
+def _bounds_m(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Corners of what is to be seen: the surface without shards far beyond a window, and all places of the robot."""
+    xyz = np.pad(timeline.xy_m, ((0, 0), (0, 1)))
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    if mesh is not None and len(mesh.vertices_m):
+        low = np.minimum(low, np.percentile(mesh.vertices_m, SHARDS_PERCENT, axis=0))
+        high = np.maximum(high, np.percentile(mesh.vertices_m, 100.0 - SHARDS_PERCENT, axis=0))
+    return low, high
 
 
 def _ellipses(timeline: Timeline) -> str | None:
@@ -152,16 +165,21 @@ def _mesh(mesh: GrowingMesh, num_frames: int) -> dict[str, Any]:
         "vertices": _base64(mesh.vertices_m),
         "faces": _base64(mesh.faces.astype(np.uint32)),
         "rgb": _base64(mesh.rgb),
-        "uncertainty": None if mesh.uncertainty is None else _base64(levels(mesh.uncertainty)),
+        "uncertainty": None if mesh.error_m is None else _uncertainty(mesh.error_m),
         "age": _base64(age),
         "counts": _base64(mesh.face_count.astype(np.uint32)),
     }
 
 
+def _uncertainty(error_m: Float32[np.ndarray, " v"]) -> dict[str, str]:
+    low, high = 1000.0 * np.percentile(error_m, CLIP_PERCENT)
+    return {"levels": _base64(levels(error_m)), "low": f"≤ {low:.2g} mm", "high": f"≥ {high:.2g} mm"}
+
+
 def levels(values: np.ndarray) -> UInt8[np.ndarray, " n"]:
     """Values as 0 to 255, in the logarithm, from their 2nd to their 98th percentile."""
     logs = np.log(np.maximum(values.astype(np.float64), np.finfo(np.float32).tiny))
-    low, high = np.percentile(logs, (2.0, 98.0))
+    low, high = np.percentile(logs, CLIP_PERCENT)
     return np.rint(255.0 * np.clip((logs - low) / max(high - low, 1e-9), 0.0, 1.0)).astype(np.uint8)
 
 

@@ -28,8 +28,8 @@ class GrowingMesh:
     """Index of the frame that first saw each vertex."""
     face_count: Int[np.ndarray, " n"]
     """Number of faces seen up to and with each frame."""
-    uncertainty: Float32[np.ndarray, " v"] | None
-    """Uncertainty of the final map at each vertex, a variance up to a constant factor; None without a map."""
+    error_m: Float32[np.ndarray, " v"] | None
+    """Expected error of the final map at each vertex [m]; None without a map."""
 
 
 def growing_mesh(
@@ -62,10 +62,10 @@ def growing_mesh(
     of_face = first[faces].max(axis=1) if len(faces) else np.zeros(0, np.int64)
     order = np.argsort(of_face, kind="stable")
     count = np.searchsorted(of_face[order], np.arange(len(run.frames)), side="right")
-    uncertainty = None
+    error_m = None
     if with_uncertainty and run.folder.map.is_file() and len(vertices):
-        uncertainty = NeuralMap.load(run.folder.map, device="cpu").uncertainty(vertices.astype(np.float64))
-    return GrowingMesh(vertices.astype(np.float32), faces[order], rgb, first, count, uncertainty)
+        error_m = NeuralMap.load(run.folder.map, device="cpu").expected_error_m(vertices.astype(np.float64))
+    return GrowingMesh(vertices.astype(np.float32), faces[order], rgb, first, count, error_m)
 
 
 def merged(

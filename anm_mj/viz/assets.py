@@ -14,6 +14,11 @@ def page_asset(name: str) -> str:
     return resources.files("anm_mj.viz").joinpath("pages", name).read_text(encoding="utf-8")
 
 
+def page_program(*names: str) -> str:
+    """Scripts of ``anm_mj/viz/pages`` as one, each after those that it stands on."""
+    return "\n".join(map(page_asset, names))
+
+
 def filled(name: str, parts: dict[str, str]) -> str:
     """A page with its parts in the places of ``@NAME@``; what stands in a part stays as it is."""
     page, *rest = page_asset(name).split("@")

@@ -24,7 +24,7 @@ from anm_mj.io.run_events import Completed, Mapped, Started
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.viz import palette, shapes
-from anm_mj.viz.assets import filled, page_asset, script_json
+from anm_mj.viz.assets import filled, page_asset, page_program, script_json
 from anm_mj.viz.file_server import FIRST_PORT
 from anm_mj.viz.page_server import PageServer
 
@@ -69,7 +69,11 @@ class MeshcatViewer:
     """
 
     def __init__(self, port: int | None = None, title: str = "anm-mj") -> None:
-        parts = {"STYLE": page_asset("style.css"), "DATA": script_json(LEGEND), "PROGRAM": page_asset("live.js")}
+        parts = {
+            "STYLE": page_asset("style.css"),
+            "DATA": script_json(LEGEND),
+            "PROGRAM": page_program("theme.js", "live.js"),
+        }
         self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts))
         self._server.say("title", {"title": title})
         self._failed = False
@@ -145,10 +149,6 @@ class MeshcatViewer:
 
     def _set_up_page(self, observation: Observation) -> None:
         pose, camera = observation.pose, observation.T_world_camera
-        self._property("/Background", "top_color", [1.0, 1.0, 1.0])
-        self._property("/Background", "bottom_color", [0.90, 0.91, 0.93])
-        self._property("/Axes", "visible", False)
-        self._property("/Grid", "visible", False)
         self._centre(pose.xy_m)
         # In camera axes y is up: a steep view from the south.
         self._property("/Cameras/default/rotated/<object>", "position", [0.0, 9.0, 5.0])

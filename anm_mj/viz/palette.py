@@ -5,7 +5,7 @@ from __future__ import annotations
 UNKNOWN, WALL = "#c6c3bd", "#3a3a3f"
 NEAR, CLEAR = "#d7e6f3", "#ffffff"
 """Free space beside an obstacle, and far from all; in grey brighter than the unknown."""
-GRAPH, REGION, TARGET = "#3b8a5a", "#e08a1e", "#c8323c"
+GRAPH, REGION, TARGET = "#3b8a5a", "#e08a1e", "#0a9fd0"
 PATH, TRAJECTORY = "#c8323c", "#7a3fa0"
 TRUE = "#1f1f1f"
 """The true trajectory, beside the one that the robot believes."""

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import anm_mj
-from tests.docs.pages import PAGES, blocks
+from tests.docs.pages import PAGES, ROOT, blocks
 
 SMALLER = (
     (r'"home"', '"room"'),
@@ -35,6 +35,7 @@ LONG = ("compare", "library", "map", "scene", "start")
 )
 def test_python(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "templates"))
     names = {"__name__": "__main__"}
     for block in blocks(page.read_text(encoding="utf-8")):
         if block.language == "python":

@@ -175,13 +175,20 @@ def test_poses_that_are_none_are_left_out(tmp_path, caplog, wrong):
 def test_frames_that_are_left_out_are_counted(tmp_path, caplog):
     early = [one for one in poses_by_tf() if one[1] < 100.25]
     twice = [(name, t + 50.0, message) for name, t, message in images() if name == DEPTH]
-    sequence, _ = open_sequence(write_bag(tmp_path / "bag", images() + early + twice), SequenceOptions(floor_m=0.0))
+    options = SequenceOptions(floor_m=0.0, max_bad=1.0)
+    path = write_bag(tmp_path / "bag", images() + early + twice)
+    sequence, _ = open_sequence(path, options)
     for words in (
         "6 of 12 frames are left out, because their depth has the time of another one",
         "1 of 6 frames are left out, because no colour is within 0.02 s",
         f"{5 - len(sequence)} of 5 frames are left out, because no pose of the camera is known",
     ):
         assert words in caplog.text
+    with pytest.raises(
+        RunFolderError,
+        match=r"more than 20 % \(--max-bad\), .*the frame 'base' is stated from 99\.950 to",
+    ):
+        open_sequence(path)
 
 
 def test_images_that_were_recorded_at_one_time_are_told_apart(tmp_path):

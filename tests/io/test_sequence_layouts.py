@@ -344,13 +344,15 @@ def test_a_replica_camera_of_other_types_is_refused(tmp_path, key, value):
         open_sequence(folder)
 
 
-def test_a_replica_image_without_its_partner_is_refused(tmp_path):
+def test_a_replica_image_without_its_partner_costs_one_frame(tmp_path, caplog):
     folder = tmp_path / "walk"
     folder.mkdir()
     write_replica(folder)
-    (folder / "results" / "depth000000.png").unlink()
-    with pytest.raises(RunFolderError, match="without its partner \\(number 000000, 1 in all\\)"):
-        open_sequence(folder)
+    (folder / "results" / "depth000002.png").unlink()
+    sequence, _ = open_sequence(folder)
+    assert len(sequence) == 5
+    assert max(to_wall_m(one).max() for one in sequence.observations()) < 0.03
+    assert "1 of 6 frames are left out, because they have a colour or a depth image without its partner" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -370,4 +372,4 @@ def test_depth_of_complex_numbers_is_refused(tmp_path):
     write_ours(tmp_path)
     np.save(tmp_path / "depth" / "000000.npy", np.zeros((48, 64), complex))
     with pytest.raises(RunFolderError, match="complex128, which is no depth"):
-        next(open_sequence(tmp_path)[0].observations())
+        list(open_sequence(tmp_path, SequenceOptions(max_bad=0.0))[0].observations())

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from anm_mj.cli.main import main
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_folder import RunFolder
@@ -23,3 +24,10 @@ def box_run(folder: Path, num_steps: int = 40, recorder: RunRecorder | None = No
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory) -> Path:
     return box_run(tmp_path_factory.mktemp("runs") / "box")
+
+
+@pytest.fixture(scope="session")
+def page(run_folder, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("pages") / "replay.html"
+    assert main(["view", str(run_folder), "--export-html", str(path)]) == 0
+    return path

@@ -7,19 +7,13 @@ import pytest
 from PIL import Image
 
 from anm_mj.cli.main import main
-from anm_mj.replay.page import levels, replay_page
+from anm_mj.replay.page import _mesh, levels, replay_page
+from anm_mj.replay.surface import GrowingMesh
 from anm_mj.replay.timeline import read_timeline
 from anm_mj.viz.file_server import FileServer
 from tests.viz.chromium import PROGRAM, Chromium
 
 needs_chromium = pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")
-
-
-@pytest.fixture(scope="session")
-def page(run_folder, tmp_path_factory):
-    path = tmp_path_factory.mktemp("pages") / "replay.html"
-    assert main(["view", str(run_folder), "--export-html", str(path)]) == 0
-    return path
 
 
 def colours(path):
@@ -33,7 +27,8 @@ def test_the_page_replays_the_run_from_disk_without_a_network(page, run_folder, 
     with Chromium(tmp_path) as browser:
         browser.open(page.as_uri(), "window.replay")
         assert browser.evaluate("replay.num") == timeline.num_frames == 41
-        browser.evaluate("new Promise(done => setTimeout(done, 300))")
+        assert browser.evaluate("replay.state().frame") == 40
+        browser.evaluate("new Promise(done => setTimeout(done, 300)); replay.show(0)")
         first = colours(browser.picture(tmp_path / "first.png"))
 
         browser.evaluate("slider.value = 30; slider.dispatchEvent(new Event('input'))")
@@ -88,6 +83,15 @@ def test_a_text_of_the_run_cannot_leave_its_place(run_folder, tmp_path):
 def test_a_folder_that_is_no_run_is_one_sentence(tmp_path, capsys):
     assert main(["view", str(tmp_path)]) == 2
     assert "is not the folder of a run" in capsys.readouterr().err
+
+
+def test_uncertainty_has_a_unit():
+    mesh = GrowingMesh(
+        np.zeros((101, 3), np.float32), np.zeros((1, 3), int), np.zeros((101, 3), np.uint8), np.zeros(101, int),
+        np.ones(1, int), np.linspace(0.002, 0.012, 101, dtype=np.float32),
+    )  # fmt: skip
+    found = _mesh(mesh, 1)["uncertainty"]
+    assert (found["low"], found["high"]) == ("≤ 2.2 mm", "≥ 12 mm")
 
 
 def test_levels_are_even_in_the_logarithm():

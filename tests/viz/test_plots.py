@@ -36,9 +36,9 @@ def centre_of(picture, colour):
 
 
 def test_world_x_points_right_and_world_y_up(tmp_path):
-    target_row, target_col = centre_of(draw(tmp_path / "a.png"), [0xC8, 0x32, 0x3C])
+    target_row, target_col = centre_of(draw(tmp_path / "a.png"), rgb_of(palette.TARGET))
     moved = np.array([-1.0, -1.0])
-    moved_row, moved_col = centre_of(draw(tmp_path / "b.png", target_xy_m=moved), [0xC8, 0x32, 0x3C])
+    moved_row, moved_col = centre_of(draw(tmp_path / "b.png", target_xy_m=moved), rgb_of(palette.TARGET))
     assert moved_col < target_col - 100
     assert moved_row > target_row + 100
 

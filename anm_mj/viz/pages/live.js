@@ -3,6 +3,7 @@
 (function () {
   const element = (id) => document.getElementById(id);
   const viewer = new MeshCat.Viewer(element("meshcat-pane"));
+  followTheme(viewer, () => {});
   for (const [name, words, swatch] of JSON.parse(element("data").textContent)) {
     const label = document.createElement("label"), box = document.createElement("input"), patch = document.createElement("span");
     box.type = "checkbox";
@@ -42,11 +43,11 @@
     const canvas = element("curve"), context = canvas.getContext("2d");
     canvas.hidden = points.length < 2;
     context.clearRect(0, 0, canvas.width, canvas.height);
-    context.strokeStyle = "#d5d9de";
+    context.strokeStyle = themeColour("--line");
     context.strokeRect(0.5, 0.5, canvas.width - 1, canvas.height - 1);
     context.beginPath();
-    context.strokeStyle = "#2b6ca3";
-    context.lineWidth = 2;
+    context.strokeStyle = themeColour("--accent");
+    context.lineWidth = 4;
     const width = numSteps || points[points.length - 1][0];
     for (const [step, percent] of points) context.lineTo(canvas.width * step / width, canvas.height * (1 - percent / 100));
     context.stroke();

@@ -14,10 +14,6 @@
   const integers = (text) => new Uint32Array(bytes(text).buffer);
 
   const viewer = new MeshCat.Viewer(element("meshcat-pane"));
-  viewer.set_property(["Background"], "top_color", [1.0, 1.0, 1.0]);
-  viewer.set_property(["Background"], "bottom_color", [0.9, 0.91, 0.93]);
-  viewer.set_property(["Grid"], "visible", false);
-  viewer.set_property(["Axes"], "visible", false);
 
   const objects = {};
   function add(name, object) {
@@ -65,9 +61,9 @@
       for (let i = 0; i < values.length; i++) out.set(table.subarray(3 * values[i], 3 * values[i] + 3), 3 * i);
       return out;
     };
-    colourings.push({ name: "colour", rgb: rgb });
+    colourings.push({ name: "surface as seen", rgb: rgb });
     if (data.mesh.uncertainty) {
-      colourings.push({ name: "uncertainty", rgb: through(bytes(data.mesh.uncertainty)), low: "low", high: "high" });
+      colourings.push({ name: "expected error", rgb: through(bytes(data.mesh.uncertainty.levels)), low: data.mesh.uncertainty.low, high: data.mesh.uncertainty.high });
     }
     colourings.push({ name: "first seen", rgb: through(bytes(data.mesh.age)), low: "step 0", high: "step " + data.steps[data.steps.length - 1] });
     geometry.setAttribute("color", new THREE.BufferAttribute(new Uint8Array(rgb), 3, true));
@@ -160,18 +156,11 @@
     element("reason").textContent = plan ? plan.reason : "before the first decision";
   }
 
-  const curve = element("curve"), pen = curve.getContext("2d");
-  function showCurve(frame) {
-    const { width, height } = curve, at = (i) => [4 + (width - 8) * (i / Math.max(1, n - 1)), height - 4 - (height - 8) * (data.coverage[i] / 100)];
-    pen.clearRect(0, 0, width, height);
-    for (const [last, style] of [[n - 1, "#c9d6e2"], [frame, "#2b6ca3"]]) {
-      pen.strokeStyle = style;
-      pen.lineWidth = 4;
-      pen.beginPath();
-      for (let i = 0; i <= last; i++) if (data.coverage[i] !== null) pen.lineTo(...at(i));
-      pen.stroke();
-    }
-  }
+  const curve = makeCurve(element("curve"), data.steps, data.coverage, (next) => { play(false); show(next); });
+  element("curve").hidden = data.coverage.every((value) => value === null);
+  const view = makeView(viewer, data.low, data.high, (mode) => {
+    for (const name of ["home", "top", "follow"]) element(name).setAttribute("aria-pressed", name === mode);
+  });
 
   let frame = -1;
   function show(next) {
@@ -199,7 +188,8 @@
     element("coverage").textContent = covered === null ? "not measured" : covered.toFixed(1) + " % of " + data.coverage_of;
     element("time").textContent = data.steps[frame] + " / " + data.steps[n - 1];
     element("slider").value = frame;
-    showCurve(frame);
+    curve.draw(frame);
+    view.moved(robot.position.x, robot.position.y);
     const image = data.images[data.image_of_frame[frame]];
     if (image && element("picture").src !== image) element("picture").src = image;
     viewer.set_dirty();
@@ -223,8 +213,15 @@
     high.textContent = chosen.high || "";
     viewer.set_dirty();
   }
+  // What this run draws at no step has no place in the legend.
+  const never = {
+    graph: data.graphs.length === 0,
+    regions: data.graphs.every((one) => one.regions.length === 0),
+    path: data.plans.every((plan) => plan.path.length < 4),
+    target: data.plans.every((plan) => plan.target === null),
+  };
   for (const [name, words, swatch] of data.legend) {
-    if (!objects[name]) continue;
+    if (!objects[name] || never[name]) continue;
     const label = document.createElement("label"), box = document.createElement("input"), patch = document.createElement("span");
     box.type = "checkbox";
     box.checked = true;
@@ -234,7 +231,7 @@
     label.append(box, patch, words);
     element("layers").append(label);
   }
-  colourings.forEach((one, index) => element("colouring").append(new Option("surface: " + one.name, index)));
+  colourings.forEach((one, index) => element("colouring").append(new Option(one.name, index)));
   element("colouring").hidden = colourings.length === 0;
   element("colouring").addEventListener("change", (event) => colour(Number(event.target.value)));
   const strip = element("scale").querySelector("canvas").getContext("2d"), table = bytes(data.table);
@@ -242,7 +239,7 @@
     strip.fillStyle = "rgb(" + table.subarray(3 * i, 3 * i + 3).join(",") + ")";
     strip.fillRect(i, 0, 1, 1);
   }
-  if (window.innerWidth <= 640) element("legend").open = false;
+  if (window.innerWidth <= 640 || window.innerHeight <= 420) element("legend").open = false;
 
   let playing = null;
   function play(on) {
@@ -261,24 +258,40 @@
   element("play").addEventListener("click", () => play(playing === null));
   element("slider").max = n - 1;
   element("slider").addEventListener("input", (event) => { play(false); show(Number(event.target.value)); });
+  element("home").addEventListener("click", () => view.look("home"));
+  element("top").addEventListener("click", () => view.look("top"));
+  element("follow").addEventListener("click", follow);
+  element("help").addEventListener("click", () => element("keys").showModal());
+  function follow() {
+    if (view.mode() === "follow") view.look("home");
+    else view.follow(robot.position.x, robot.position.y);
+  }
+  const keys = {
+    " ": () => play(playing === null),
+    ArrowRight: () => { play(false); show(frame + 1); },
+    ArrowLeft: () => { play(false); show(frame - 1); },
+    Home: () => { play(false); show(0); },
+    End: () => { play(false); show(n - 1); },
+    h: () => view.look("home"),
+    t: () => view.look("top"),
+    f: follow,
+    "?": () => element("keys").showModal(),
+  };
+  // Wherever the focus is; but Space is for a control that the keyboard has reached.
+  let byKeyboard = false;
+  document.addEventListener("pointerdown", () => { byKeyboard = false; }, true);
   document.addEventListener("keydown", (event) => {
-    if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName)) return;
-    if (event.key === " ") play(playing === null);
-    else if (event.key === "ArrowRight") show(frame + 1);
-    else if (event.key === "ArrowLeft") show(frame - 1);
-  });
+    if (event.key === "Tab") byKeyboard = true;
+    const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    const own = event.key === " " && byKeyboard && document.activeElement.matches("button, summary, select, [type=checkbox]");
+    if (!act || own || element("keys").open || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    act();
+  }, true);
 
-  // The page's camera stands in a node that turns y up into z up.
-  const { centre, size } = data, lens = viewer.camera, wide = window.innerWidth > 640;
-  lens.fov = 50;
-  lens.far = 100 + 20 * size;
-  // The card at the left covers a part of a wide page.
-  const aspect = (window.innerWidth - (wide ? 300 : 0)) / (window.innerHeight - (wide ? 70 : 250));
-  const away = (0.55 * size) / (Math.tan((25 * Math.PI) / 180) * Math.min(1.4, aspect)) / 1.2 + 1.5;
-  lens.position.set(centre[0], 1.25 * away, -centre[1] + 0.75 * away);
-  viewer.controls.target.set(centre[0], 0, -centre[1]);
-  viewer.controls.update();
-  show(0);
+  followTheme(viewer, () => curve.draw());
+  show(n - 1);
+  view.look("home");
   // For tests: what is shown, and the way to show something else.
-  window.replay = { show, play, num: n, robot, surface, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
+  window.replay = { show, play, num: n, robot, surface, view, viewer, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
 })();
