@@ -41,4 +41,4 @@ def expected_errors(
     variance = last_layer_variance(backend, occupancy, points_m, density_exponent)
     error_m = (SCALE_M * variance**EXPONENT).astype(np.float32)
     count = observation_density(occupancy, points_m).astype(np.float32)
-    return SurfaceErrors(points_m, error_m, count, (1.0 - density_exponent) * EXPONENT)
+    return SurfaceErrors(points_m.astype(np.float32, copy=False), error_m, count, (1.0 - density_exponent) * EXPONENT)
