@@ -14,7 +14,6 @@ import numpy as np
 
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.config import RunConfig
-from anm_mj.environments.starts import sample_start
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.events import Observer
 from anm_mj.ground_truth.cache import cached_ground_truth, reachable_area
@@ -30,6 +29,7 @@ from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
 from anm_mj.scene.folder import Scene, default_steps, load_scene
+from anm_mj.scene.starts import sample_start
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import TrueView
 

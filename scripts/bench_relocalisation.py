@@ -21,7 +21,6 @@ import numpy as np
 import tyro
 
 from anm_mj.config import make_config
-from anm_mj.environments.starts import sample_start
 from anm_mj.frames import pose_matrix, relative_pose, wrap_angle
 from anm_mj.localisation.field_localiser import FieldLocaliser
 from anm_mj.localisation.localisation_config import LocalisationConfig
@@ -31,6 +30,7 @@ from anm_mj.run import run
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
 from anm_mj.scene.navigable import is_clear
+from anm_mj.scene.starts import sample_start
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import FREE, Action, Observation, Pose2
 

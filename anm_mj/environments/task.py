@@ -17,12 +17,12 @@ from anm_mj.environments.environment_config import REACH_M, EnvironmentConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import Reward, reward_spec
-from anm_mj.environments.starts import sample_start
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.scene.folder import Scene, default_steps
 from anm_mj.scene.navigable import require_clear
+from anm_mj.scene.starts import sample_start
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
 
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from anm_mj.environments.starts import sample_start
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
+from anm_mj.scene.starts import sample_start
 from anm_mj.sim.make_robot import FOOTPRINT
 
 
