@@ -34,8 +34,6 @@ _logger = logging.getLogger(__name__)
 
 _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
-_USUAL_FRAMES = 20
-"""So many frames say what a registration usually costs."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
 
@@ -94,8 +92,6 @@ class FieldLocaliser:
         self._since_keyframe = 0
         self._misfits = 0
         """Frames in a row that did not fit."""
-        self._costs: list[float] = []
-        """Of the registrations of the last frames that fitted."""
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
@@ -132,8 +128,7 @@ class FieldLocaliser:
         if lost:
             return self._look_for(observation, prior, points)
         extra = self._extra(points, prior, noise)
-        usual = float(np.median(self._costs)) if self._costs else 0.0
-        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra, usual, rng)
+        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -142,7 +137,6 @@ class FieldLocaliser:
         if found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=False)
         self._misfits = 0
-        self._costs = [*self._costs, found.cost][-_USUAL_FRAMES:]
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 

@@ -39,16 +39,9 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     information: float = 0.1
     """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
     retry_inliers: float = setting(0.75, at_least=0.0, at_most=1.0)
-    """A frame of whose known points a smaller share fits may be in a wrong place,"""
-    retry_cost: float = setting(1.25, at_least=1.0)
-    """and so may one that costs more than this many times what frames cost of late: it is registered from several
-    starts, and the likeliest pose is taken."""
-    retry_starts: int = setting(12, at_least=0, at_most=1000)
-    """Starts beside the prior's,"""
-    retry_m: float = 0.06
-    """drawn about it with this standard deviation along each axis [m],"""
-    retry_rad: float = 0.035
-    """and about each axis [rad]."""
+    """A frame of whose known points a smaller share fits is registered from other headings too."""
+    retry_deviations: float = 1.5
+    """Which are so many standard deviations of the prior away."""
     still_m: float = 2e-4
     """The search ends with a step that moves the camera by less [m]."""
     still_rad: float = 2e-4

@@ -155,34 +155,19 @@ def register_from_several(
     align: Aligner,
     known: Known,
     config: RegistrationConfig,
-    extra: Extra | None,
-    usual_cost: float,
-    rng: np.random.Generator,
+    extra: Extra | None = None,
 ) -> Registration:
-    """As :func:`register`, and from starts about the prior where the pose may be a false minimum; the likeliest pose.
-
-    A wrong pose may fit nearly as many points as the right one; what gives it away is that it costs more than frames
-    usually do.
-
-    Args:
-        points: Pixels of the frame.
-        prior: What is known of its pose.
-        align: The field.
-        known: Which places of the field can be trusted.
-        config: Settings.
-        extra: Adds to the normal equations.
-        usual_cost: What frames cost of late; 0 = unknown, which calls for several starts.
-        rng: Draws the starts.
-    """
+    """As :func:`register`, and where the frame does not fit then, from other headings on either side; the best fit."""
     best = register(points, prior, align, known, config, extra)
-    if best.inliers >= config.retry_inliers and best.cost <= config.retry_cost * usual_cost:
+    if best.inliers >= config.retry_inliers:
         return best
-    deviations = prior.basis.T @ np.repeat([config.retry_m, config.retry_rad], 3)
-    for _ in range(config.retry_starts):
-        offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
-        other = register(points, prior, align, known, config, extra, moved_camera(prior.T_world_camera, offset))
-        if other.cost < best.cost:
-            best = other
+    for axis in np.flatnonzero(prior.basis[3:].any(axis=0)).tolist():
+        deviation = config.retry_deviations * float(np.sqrt(prior.covariance[axis, axis]))
+        for side in (-deviation, deviation):
+            start = moved_camera(prior.T_world_camera, prior.basis[:, axis] * side)
+            other = register(points, prior, align, known, config, extra, start)
+            if other.cost < best.cost:
+                best = other
     return best
 
 
