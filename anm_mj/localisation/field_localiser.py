@@ -159,8 +159,8 @@ class FieldLocaliser:
         T = observation.T_world_camera
         points = self._points
         if points is None:
-            rng = np.random.default_rng([self._seed, 22])
-            points = draw_points(observation, self.config.registration.num_points, noise, 8.0, rng)
+            rng, settings = np.random.default_rng([self._seed, 22]), self.config.registration
+            points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
         # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
         deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
         motion = (
@@ -174,7 +174,7 @@ class FieldLocaliser:
         self._T_world_camera = correction.T_world_camera[-1]
         if correction.largest_m > graph.rebuild_m:
             if correction.closed:
-                text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built anew."
+                text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built again."
                 _logger.info(text, observation.step, 100.0 * correction.largest_m)
             self._map.rebuild((image.view for image in self._key_images.images), graph.rebuild_iterations)
 

@@ -45,6 +45,7 @@ def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
         )
     poses[:, :3, 3] *= correction.pose_scale
     new = tuple(Frame(frames[k].time_s, frames[colours[k]].colour, frames[k].depth, poses[k]) for k in kept.tolist())
+    guessed = set(sequence.interpolated)
     return replace(
         sequence,
         frames=new,
@@ -52,7 +53,7 @@ def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
         depth_scale=sequence.depth_scale * correction.depth_scale,
         ray_depth=sequence.ray_depth != correction.ray_depth,
         mirrored=sequence.mirrored != correction.mirrored,
-        interpolated=tuple(at for at, k in enumerate(kept.tolist()) if k in set(sequence.interpolated)),
+        interpolated=tuple(at for at, k in enumerate(kept.tolist()) if k in guessed),
     )
 
 

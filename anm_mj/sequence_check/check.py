@@ -40,8 +40,6 @@ _CONTRADICTS = 0.5
 """Where fewer of the points fit, the sequence contradicts itself, whatever the reason."""
 _TOLD = 0.03
 """Pairs that share fewer of their points tell nothing."""
-_DISTANCES = 3
-"""Residuals are told apart by so many ranges of distance."""
 
 
 @dataclass(frozen=True)

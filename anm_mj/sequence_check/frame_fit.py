@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from anm_mj.io.sequence import ranges_text
 from anm_mj.localisation.agreement import agreement
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Observation
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def _points(observation: Observation) -> FramePoints:
     row = np.arange(step / 2, k.height, step).astype(np.int64)
     col = np.arange(step / 2, k.width, step).astype(np.int64)
     depth = observation.depth_m[np.ix_(row, col)]
-    known = np.isfinite(depth) & (depth > 0.0)
+    known = is_measured(depth)
     x = np.broadcast_to(((col + 0.5 - k.cx) / k.fx)[None, :], depth.shape)[known]
     y = np.broadcast_to(((row + 0.5 - k.cy) / k.fy)[:, None], depth.shape)[known]
     z = depth[known]
