@@ -35,6 +35,8 @@ class Sums(NamedTuple):
 
 Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], Sums]
 """Further sums over a frame's points at a pose, with a width of the kernel in standard deviations."""
+Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
+"""Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
@@ -74,6 +76,9 @@ class Registration:
     iterations: int
     cost: float
     """Minus twice the logarithm of the likelihood, up to a constant of the frame."""
+    means: tuple[float, ...] = ()
+    shares: tuple[float, ...] = ()
+    prior_cost: float = 0.0
 
 
 def register(
@@ -108,12 +113,17 @@ def register(
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
         worst = settings.kernel**2
         cost = found.facts[0, 0] + (len(points) - found.facts[0, 2]) * worst
+        means[:], shares[:] = [found.facts[0, 0] / max(found.facts[0, 2], 1.0)], [found.facts[0, 2] / max(1, len(points))]
         if extra is not None:
             more = extra(points, T, settings.kernel)
             full, slope = full + more.hessian, slope + more.gradient
             cost += more.cost + (len(points) - more.num_points) * worst
+            means.append(more.cost / max(more.num_points, 1.0))
+            shares.append(more.num_points / max(1, len(points)))
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
 
+    means: list[float] = []
+    shares: list[float] = []
     iteration = 0
     while True:
         if iteration in (0, config.recheck_after):
@@ -146,6 +156,9 @@ def register(
         int(np.count_nonzero(gain > 1.0)),
         iteration,
         config.information * cost + float(offset @ information @ offset),
+        tuple(means),
+        tuple(shares),
+        float(offset @ information @ offset),
     )
 
 
@@ -154,21 +167,50 @@ def register_from_several(
     prior: Prior,
     align: Aligner,
     known: Known,
+    contradicted: Contradicted,
     config: RegistrationConfig,
-    extra: Extra | None = None,
+    extra: Extra | None,
+    rng: np.random.Generator,
+    first: Registration,
 ) -> Registration:
-    """As :func:`register`, and where the frame does not fit then, from other headings on either side; the best fit."""
-    best = register(points, prior, align, known, config, extra)
-    if best.inliers >= config.retry_inliers:
-        return best
-    for axis in np.flatnonzero(prior.basis[3:].any(axis=0)).tolist():
-        deviation = config.retry_deviations * float(np.sqrt(prior.covariance[axis, axis]))
-        for side in (-deviation, deviation):
-            start = moved_camera(prior.T_world_camera, prior.basis[:, axis] * side)
-            other = register(points, prior, align, known, config, extra, start)
-            if other.cost < best.cost:
-                best = other
-    return best
+    """The likeliest of a registration and of those from starts that are drawn about the prior.
+
+    A wrong pose may fit nearly as many points as the right one. Costs of poses that bring different points to known
+    surface compare as follows: a point that the map contradicts costs as much as the worst of outliers, one in unknown
+    space as much as the first pose's points on average.
+
+    Args:
+        points: Pixels of the frame.
+        prior: What is known of its pose.
+        align: The field.
+        known: Which places of the field can be trusted.
+        contradicted: Which share of points at a pose is at odds with the map.
+        config: Settings.
+        extra: Adds to the normal equations.
+        rng: Draws the starts.
+        first: From the prior.
+    """
+    few = points.every(max(1, len(points) // config.retry_points))
+
+    def cost(found: Registration) -> float:
+        wrong = contradicted(few, found.T_world_camera)
+        total = found.prior_cost
+        for mean, share, usual, at_odds in zip(found.means, found.shares, first.means, (wrong, 0.0), strict=False):
+            taken = min(share, 1.0 - at_odds)
+            per_point = taken * mean + at_odds * config.kernel**2 + (1.0 - taken - at_odds) * usual
+            total += config.information * len(points) * per_point
+        return total
+
+    best, lowest = first, config.retry_gain * cost(first)
+    least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
+    deviations = np.maximum(least, config.retry_deviations * np.sqrt(np.diag(prior.covariance)))
+    for _ in range(config.retry_starts):
+        offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
+        start = moved_camera(prior.T_world_camera, offset)
+        found = register(few, prior, align, known, config, extra, start)
+        if cost(found) < lowest:
+            best, lowest = found, cost(found)
+    return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
 
 
 def _world(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
