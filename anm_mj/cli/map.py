@@ -82,7 +82,7 @@ def map_recorded(
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
         distortion: lens distortion in the order of OpenCV, or none; by default as the files say
-        up: axis of the world that points up: z, -z, y, -y; by default the layout's, without poses -y of the first camera
+        up: axis of the world that points up: z, -z, y or -y; by default that of the layout, without poses -y
         floor: height of the floor along it; by default found from the depth
         topics: topic of a bag for colour, depth, camera or pose (a topic or tf), where several fit; may be repeated
         poses: what a pose is: camera-to-world, world-to-camera, conjugate, scalar-first or scalar-first-inverse
