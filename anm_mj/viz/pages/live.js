@@ -19,6 +19,7 @@
   let ended = false;
   function end(text, lost) {
     ended = true;
+    element("orders").hidden = true;
     element("ended").textContent = text;
     element("ended").classList.toggle("lost", lost);
     element("ended").hidden = false;
@@ -59,6 +60,12 @@
     if (status.completed) element("coverage").textContent = status.completed;
     if (status.curve) draw(status.curve, status.num_steps);
     if (status.reason) element("reason").textContent = status.reason;
+    if (status.paused !== undefined) {
+      recent.length = 0;
+      element("pause").textContent = status.paused ? "Go on" : "Pause";
+      element("pace").textContent = status.stopping ? "ending" : status.paused ? "paused" : "–";
+      for (const button of element("orders").children) button.disabled = status.stopping;
+    }
     if (status.picture) { element("picture").src = status.picture; element("picture").hidden = false; }
     if (status.ended) end(status.ended, false);
   }
@@ -71,6 +78,8 @@
       element("meshcat-pane").classList.remove("waiting");
     }
   };
+  element("pause").addEventListener("click", () => connection.send(element("pause").textContent === "Pause" ? "pause" : "go on"));
+  element("stop").addEventListener("click", () => connection.send("stop"));
   connection.onclose = () => { if (!ended) end("The connection is lost: the run has ended, or this machine cannot reach it.", true); };
   window.live = { viewer };
 })();
