@@ -80,7 +80,7 @@ class MeshcatViewer:
         parts = {
             "STYLE": page_asset("style.css"),
             "DATA": script_json(LEGEND),
-            "PROGRAM": page_program("theme.js", "live.js"),
+            "PROGRAM": page_program("theme.js", "curve.js", "live.js"),
         }
         self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts), self._on_word)
         self._is_ending = is_ending

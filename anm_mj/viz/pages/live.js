@@ -39,19 +39,22 @@
     element("pace").textContent = rate.toFixed(rate < 10 ? 1 : 0) + " steps/s" + (numSteps ? ", at most " + minutes + ":" + seconds + " min left" : "");
   }
 
-  // Completion [%] over steps; the budget is the width, 100 % the height.
+  // Completion [%] over the steps of the budget, where it is known: every tenth step and the last.
+  const ROW_STEPS = 10;
+  let curve = null;
   function draw(points, numSteps) {
-    const canvas = element("curve"), context = canvas.getContext("2d");
-    canvas.hidden = points.length < 2;
-    context.clearRect(0, 0, canvas.width, canvas.height);
-    context.strokeStyle = themeColour("--line");
-    context.strokeRect(0.5, 0.5, canvas.width - 1, canvas.height - 1);
-    context.beginPath();
-    context.strokeStyle = themeColour("--accent");
-    context.lineWidth = 4;
-    const width = numSteps || points[points.length - 1][0];
-    for (const [step, percent] of points) context.lineTo(canvas.width * step / width, canvas.height * (1 - percent / 100));
-    context.stroke();
+    if (points.length < 2) return;
+    element("curve").hidden = false;
+    if (curve === null) {
+      const steps = [];
+      for (let step = 0; step <= numSteps; step += ROW_STEPS) steps.push(step);
+      if (steps[steps.length - 1] < numSteps) steps.push(numSteps);
+      curve = { steps, values: new Array(steps.length).fill(null) };
+      curve.shown = makeCurve(element("curve"), steps, curve.values, () => {});
+    }
+    const at = (step) => Math.ceil(step / ROW_STEPS);
+    for (const [step, percent] of points) curve.values[at(step)] = percent;
+    curve.shown.draw(at(points[points.length - 1][0]));
   }
   function tell(status) {
     if (status.title) { element("title").textContent = status.title; document.title = status.title; }
