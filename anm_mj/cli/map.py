@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option
+from anm_mj.cli.command_line import Fields, Option, Report
 from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
 from anm_mj.errors import ConfigError, RunFolderError
 
@@ -68,7 +68,7 @@ def map_recorded(
     port: Port | None = None,
     settings: Settings = (),
     **options: Annotated[Any, Fields(_map_fields)],
-) -> int:
+) -> Report:
     """Map a recorded RGB-D sequence, and write a run folder.
 
     Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, 7-Scenes,
@@ -192,7 +192,7 @@ def map_recorded(
             f"{sequence} shows no surface that the map could hold: check the unit of depth (--depth-unit), the poses "
             "and the camera."
         )
-    return 0
+    return Report({"folder": folder.path, **metrics})
 
 
 def topics_by_role(topics: Sequence[str]) -> dict[str, str]:

@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.text import Text
 
 from anm_mj.events import Decided, Ended, Observed, Stepped
-from anm_mj.io.run_events import Started, Surveying
+from anm_mj.io.run_events import Started, Surveying, headline
 from anm_mj.types import Plan
 
 PLAIN_EVERY = 50
@@ -78,7 +78,7 @@ class ProgressLine:
             return
         parts = [
             f"step {report.step} of {num_steps}",
-            f"completion {row.completion_ratio:.1f} %" if row is not None else "",
+            "{:.1f} % of {}".format(*headline(row)) if row is not None else "",
             f"{report.step / max(report.loop_s, 1e-9):.1f} steps/s",
             self._left(report.step, num_steps),
         ]
