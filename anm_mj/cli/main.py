@@ -24,6 +24,7 @@ from anm_mj.cli.map import map_recorded
 from anm_mj.cli.robot import robot_check
 from anm_mj.cli.scene import scene_generate, scene_import, scene_list
 from anm_mj.cli.scene_check import scene_check
+from anm_mj.cli.simulate import simulate
 from anm_mj.cli.version import version
 from anm_mj.cli.view import view
 from anm_mj.errors import AnmError
@@ -39,6 +40,7 @@ COMMANDS = Group(
         "eval": evaluate,
         "map": map_recorded,
         "localise": localise,
+        "simulate": simulate,
         "view": view,
         "export": export,
         "bench": bench,

@@ -154,9 +154,13 @@ class Interrupt:
     What is ignored stays ignored, such as SIGHUP below ``nohup``.
     """
 
-    def __init__(self, console: Console):
-        """Nothing is requested yet."""
-        self._console = console
+    def __init__(
+        self,
+        console: Console,
+        said: str = "Ending after this step and writing everything; Ctrl-C again to quit at once.",
+    ):
+        """Nothing is requested yet; ``said`` is printed at the first signal."""
+        self._console, self._said = console, said
         self._requested = False
 
     def __enter__(self) -> Interrupt:
@@ -186,4 +190,4 @@ class Interrupt:
             # The terminal is gone: what is written to it from now on would end the program before the files.
             nowhere = open(os.devnull, "w")  # noqa: SIM115
             self._console.file = sys.stdout = sys.stderr = nowhere
-        self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")
+        self._console.print(self._said)

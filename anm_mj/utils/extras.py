@@ -8,6 +8,7 @@ EXTRAS = {
     "stable_baselines3": "learn",
     "mcap": "mcap",
     "rosbags": "ros",
+    "cyclonedds": "ros",
     "robot_descriptions": "robots",
     "ray": "ray",
     "imageio_ffmpeg": "video",
