@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,5 +63,5 @@ def curve_of(run: Run) -> ShownFigure:
     return curve_figure(curve["step"].astype(np.int64), *values, title=titled(run.folder, metrics), before_ratio=before)
 
 
-def _metrics(run: Run) -> dict[str, object]:
+def _metrics(run: Run) -> dict[str, Any]:
     return read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
