@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option
+from anm_mj.cli.command_line import Fields, Option, Report
 from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
 from anm_mj.errors import ConfigError, RunFolderError
 
@@ -68,7 +68,7 @@ def map_recorded(
     port: Port | None = None,
     settings: Settings = (),
     **options: Annotated[Any, Fields(_map_fields)],
-) -> int:
+) -> Report:
     """Map a recorded RGB-D sequence, and write a run folder.
 
     Layouts: TUM RGB-D, ETH3D, ICL-NUIM, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read
@@ -110,6 +110,7 @@ def map_recorded(
     """
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.live_view import live_view
     from anm_mj.cli.progress import FrameLine, Interrupt
     from anm_mj.cli.run_summary import print_fit, print_folder, print_tracking
     from anm_mj.config import DEFAULT_PRESET, make_config
@@ -160,28 +161,23 @@ def map_recorded(
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
     footprint = Footprint(radius, 0.05, height)
-    viewer = None
-    if view:
-        from anm_mj.viz.meshcat_viewer import MeshcatViewer
-
-        viewer = MeshcatViewer(port=port, title=f"{sequence.resolve().name}, recorded")
-    try:
-        with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
-            observers = [FrameLine(console, on_progress), interrupt, *([] if viewer is None else [viewer])]
-            folder = map_sequence(
-                frames,
-                config,
-                footprint,
-                out=out,
-                shadow=shadow,
-                reference=measured,
-                verdict=judged_before.verdict,
-                corrections=judged_before.applied,
-                observers=observers,
-            )
-    finally:
-        if viewer is not None:
-            viewer.close()
+    title = f"{sequence.resolve().name}, recorded" if view else None
+    with (
+        Interrupt(console) as interrupt,
+        live_view(title, port, interrupt) as views,
+        progress_bar(console, "map") as on_progress,
+    ):
+        folder = map_sequence(
+            frames,
+            config,
+            footprint,
+            out=out,
+            shadow=shadow,
+            reference=measured,
+            verdict=judged_before.verdict,
+            corrections=judged_before.applied,
+            observers=[FrameLine(console, on_progress), interrupt, *views],
+        )
     metrics = read_json(folder.metrics)
     print_fit(console, metrics)
     if track:
@@ -192,7 +188,7 @@ def map_recorded(
             f"{sequence} shows no surface that the map could hold: check the unit of depth (--depth-unit), the poses "
             "and the camera."
         )
-    return 0
+    return Report({"folder": folder.path, **metrics})
 
 
 def topics_by_role(topics: Sequence[str]) -> dict[str, str]:

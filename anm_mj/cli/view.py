@@ -47,7 +47,7 @@ def view(
         console.say(f"Wrote {export_html} ({len(page) / 1e6:.1f} MB).")
         return 0
     with FileServer(page.encode(), port or FIRST_PORT) as server:
-        console.say(f"The replay is at {server.url}; Ctrl-C ends.")
+        console.say(f"The replay is at {server.url} (Ctrl-C ends).")
         if not no_browser:
             webbrowser.open(server.url)
         with suppress(KeyboardInterrupt):
