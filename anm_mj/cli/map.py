@@ -181,6 +181,7 @@ def map_recorded(
             verdict=judged_before.verdict,
             corrections=judged_before.applied,
             observers=[FrameLine(console, on_progress), interrupt, *views],
+            resume=resume,
         )
     metrics = read_json(folder.metrics)
     print_fit(console, metrics)
