@@ -206,7 +206,8 @@ class InformationGain:
         )
         counts = gain_m2 > 0.0
         cells, distance_m = hit[counts].astype(np.int64), self._rays.distance_m[sample[counts]].astype(float)
-        of_kind = np.bincount(self._kinds(cells, depth[counts]), gain_m2[counts], len(KINDS))
+        # Without any cell, bincount gives integers.
+        of_kind = np.bincount(self._kinds(cells, depth[counts]), gain_m2[counts], len(KINDS)).astype(float)
         return ExpectedView(cells, distance_m, float(gain_m2.sum()), of_kind)
 
     def _ray_gains(self, rays: Rays) -> Float32[np.ndarray, "n rays"]:
