@@ -62,9 +62,7 @@
       return out;
     };
     colourings.push({ name: "surface as seen", rgb: rgb });
-    if (data.mesh.uncertainty) {
-      colourings.push({ name: "expected error", rgb: through(bytes(data.mesh.uncertainty.levels)), low: data.mesh.uncertainty.low, high: data.mesh.uncertainty.high });
-    }
+    for (const one of data.mesh.errors) colourings.push({ name: one.name, rgb: through(bytes(one.levels)), low: one.low, high: one.high });
     colourings.push({ name: "first seen", rgb: through(bytes(data.mesh.age)), low: "step 0", high: "step " + data.steps[data.steps.length - 1] });
     geometry.setAttribute("color", new THREE.BufferAttribute(new Uint8Array(rgb), 3, true));
     // Front faces only, so that near walls do not hide a room.
@@ -163,6 +161,8 @@
   });
 
   let frame = -1;
+  // Told the step that is shown.
+  const hearers = [];
   function show(next) {
     frame = Math.max(0, Math.min(n - 1, next));
     const yaw = poses[3 * frame + 2];
@@ -193,6 +193,11 @@
     const image = data.images[data.image_of_frame[frame]];
     if (image && element("picture").src !== image) element("picture").src = image;
     viewer.set_dirty();
+    for (const hear of hearers) hear(data.steps[frame]);
+  }
+  // The last frame that is no later than a step.
+  function showStep(step) {
+    show(data.steps.findLastIndex((one) => one <= step));
   }
   element("picture").addEventListener("load", (event) => {
     if (!screen) return;
@@ -292,6 +297,6 @@
   followTheme(viewer, () => curve.draw());
   show(n - 1);
   view.look("home");
-  // For tests: what is shown, and the way to show something else.
-  window.replay = { show, play, num: n, robot, surface, view, viewer, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
+  // For tests and for a page that shows two replays: what is shown, and the way to show something else.
+  window.replay = { show, showStep, hearers, play, num: n, robot, surface, view, viewer, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
 })();
