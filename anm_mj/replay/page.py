@@ -181,7 +181,7 @@ def _mesh(mesh: GrowingMesh, num_frames: int) -> dict[str, Any]:
         "vertices": _base64(mesh.vertices_m),
         "faces": _base64(mesh.faces.astype(np.uint32)),
         "rgb": _base64(mesh.rgb),
-        "errors": _errors({"expected error": mesh.error_m, "error against the truth": mesh.true_error_m}),
+        "errors": _errors({"expected error": mesh.error_m, "true error": mesh.true_error_m}),
         "age": _base64(age),
         "counts": _base64(mesh.face_count.astype(np.uint32)),
     }

@@ -92,7 +92,7 @@ def test_errors_have_a_unit_and_one_scale(true_m):
         np.ones(1, int), np.linspace(0.002, 0.012, 101, dtype=np.float32), true_m,
     )  # fmt: skip
     found = _mesh(mesh, 1)["errors"]
-    assert [one["name"] for one in found] == ["expected error", "error against the truth"][: len(found)]
+    assert [one["name"] for one in found] == ["expected error", "true error"][: len(found)]
     ends = ("≤ 2.2 mm", "≥ 12 mm") if true_m is None else ("≤ 2.4 mm", "≥ 50 mm")
     assert {(one["low"], one["high"]) for one in found} == {ends}
     assert len(found) == 1 + (true_m is not None)

@@ -31,6 +31,7 @@ def test_step_and_view_move_together(run_folder, tmp_path):
             (left, top), (x, y) = browser.evaluate(
                 "['left', 'right'].map(id => document.getElementById(id).getBoundingClientRect()).map(b => [b.x, b.y])"
             )
+            browser.keep(f"pair_{width}x{height}")
             assert (x > left and y == top) if across else (x == left and y > top)
         assert browser.problems == []
         assert not [url for url in browser.requests if url.startswith("http")]

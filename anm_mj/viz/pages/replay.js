@@ -115,7 +115,8 @@
   for (let i = 0; i + 1 < n; i++) if (lost.has(i) || lost.has(i + 1)) known.splice(4 * i, 4, 0, 0, 0, 0);
   const trajectory = add("trajectory", new THREE.Mesh(bands(known, heights.trajectory, 0.045), flat(colours.trajectory)));
   trajectory.frustumCulled = false;
-  const truth = data.truth ? add("truth", new THREE.Mesh(bands(along(floats(data.truth)), heights.trajectory + 0.005, 0.018), flat(colours.truth))) : null;
+  const trueXy = data.truth ? floats(data.truth) : null;
+  const truth = trueXy ? add("truth", new THREE.Mesh(bands(along(trueXy), heights.trajectory + 0.005, 0.018), flat(colours.truth))) : null;
   if (truth) truth.frustumCulled = false;
   const ellipses = data.ellipses ? floats(data.ellipses) : null;
   const covariance = ellipses ? add("covariance", new THREE.Mesh(new THREE.CircleGeometry(1, 48), flat(colours.covariance))) : null;
@@ -174,6 +175,14 @@
     robot.children.concat(camera.children).forEach((child) => { if (child !== screen) child.visible = !lost.has(frame); });
     trajectory.geometry.setDrawRange(0, 6 * frame);
     if (truth) truth.geometry.setDrawRange(0, 6 * frame);
+    const said = [];
+    if (lost.has(frame)) said.push("lost");
+    else {
+      if (truth) said.push((100 * Math.hypot(trueXy[2 * frame] - poses[3 * frame], trueXy[2 * frame + 1] - poses[3 * frame + 1])).toFixed(1) + " cm off");
+      if (ellipses) said.push("2 sigma " + (100 * ellipses[3 * frame]).toFixed(1) + " cm");
+    }
+    element("pose").textContent = said.join(", ");
+    for (const id of ["pose-name", "pose"]) element(id).hidden = !(truth || ellipses || lost.size);
     if (covariance) {
       const [long, short, turn] = ellipses.slice(3 * frame, 3 * frame + 3);
       covariance.position.set(poses[3 * frame], poses[3 * frame + 1], body.height + 0.04);
