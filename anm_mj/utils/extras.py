@@ -12,6 +12,7 @@ EXTRAS = {
     "robot_descriptions": "robots",
     "ray": "ray",
     "imageio_ffmpeg": "video",
+    "OpenEXR": "exr",
     "pandas": "pandas",
 }
 """The extra of ``anm-mj`` that brings a module which the package itself does without."""
