@@ -40,6 +40,7 @@ FLOORS = {
         ("run_parts",),
         ("localise_images", "map_sequence", "run"),
         ("api", "bench", "resume"),
+        ("ros",),
     ),
     "cli": (("cli",),),
 }
@@ -56,6 +57,7 @@ _ONLY_IN = {
     "pinocchio": {"robot"},
     "torch": {"mapping"},
     "meshcat": {"viz"},
+    "cyclonedds": {"ros"},
 }
 """Heavy packages and the only rooms that may import them. Elsewhere not even inside a function."""
 

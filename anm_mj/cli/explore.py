@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option, arguments
+from anm_mj.cli.command_line import Fields, Option, Report, arguments
 from anm_mj.cli.option_types import NewFolder, Port, Settings
 from anm_mj.errors import ConfigError
 from anm_mj.planning.policies.registry import policies
@@ -90,7 +90,7 @@ def explore(
     port: Port | None = None,
     verbose: bool = False,
     **setup: Annotated[Any, run_config],
-) -> int:
+) -> Report:
     """Let the robot explore a scene and write a run folder.
 
     Example: anm-mj explore home --steps 500
@@ -137,7 +137,7 @@ def _refuse(**given: Any) -> None:
 
 def _show(
     start: Callable[..., tuple[RunFolder, Metrics]], title: str | None, port: int | None, *, verbose: bool
-) -> int:
+) -> Report:
     """Run, show how it goes, and print the metrics at the end.
 
     Args:
@@ -147,24 +147,20 @@ def _show(
         verbose: whether details are shown.
     """
     from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.live_view import live_view
     from anm_mj.cli.log import log_to
     from anm_mj.cli.progress import Interrupt, ProgressLine
-    from anm_mj.cli.run_summary import print_metrics
+    from anm_mj.cli.run_summary import report_metrics
     from anm_mj.types import StopReason
 
     console = PlainConsole()
     if console.is_terminal:
         log_to(console, verbose=verbose)  # The live line makes room for what its own console prints.
-    viewer = None
-    if title is not None:
-        from anm_mj.viz.meshcat_viewer import MeshcatViewer
-
-        viewer = MeshcatViewer(port=port, title=title)
-    try:
-        with Interrupt(console) as interrupt, ProgressLine(console, details=verbose) as line:
-            folder, metrics = start(observers=[interrupt, line, *([] if viewer is None else [viewer])])
-    finally:
-        if viewer is not None:
-            viewer.close()
-    print_metrics(console, metrics, folder.path)
-    return RUN_FAILED if metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR) else 0
+    with (
+        Interrupt(console) as interrupt,
+        live_view(title, port, interrupt) as views,
+        ProgressLine(console, details=verbose) as line,
+    ):
+        folder, metrics = start(observers=[interrupt, line, *views])
+    failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR)
+    return report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)
