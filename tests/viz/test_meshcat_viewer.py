@@ -371,6 +371,7 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         assert browser.evaluate("getComputedStyle(document.getElementById('meshcat-pane')).visibility") == "hidden"
         assert browser.evaluate("getComputedStyle(document.getElementById('picture')).display") == "none"
         assert browser.evaluate(text("step")) == "starting …"
+        browser.keep("live_start")
         show(viewer, 30)
         viewer.progress(9, 500, completed(9, 12.0))
         viewer.progress(29, 500, completed(29, 41.5))
@@ -393,6 +394,7 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         answers = []
         browser.evaluate("pause.click()")
         browser.wait("pause.textContent == 'Go on'")
+        browser.keep("live_paused")
         follow.start()
         follow.join(0.3)
         assert answers == []
@@ -407,6 +409,7 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         viewer.close()
         browser.wait("!document.getElementById('ended').hidden")
         assert browser.evaluate(text("ended")) == "Ended after 30 steps: COMPLETE. Replay it: anm-mj view runs/latest"
+        browser.keep("live_ended")
         assert browser.evaluate("getComputedStyle(document.getElementById('ended')).color") == CALM
         assert browser.evaluate(text("step")) == "29 of at most 500"
         assert browser.problems == []
