@@ -8,6 +8,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
+from anm_mj.io.camera_checks import check_camera
 from anm_mj.io.sequence import Frame
 from anm_mj.types import Intrinsics
 
@@ -25,8 +26,10 @@ def with_cameras(frames: Sequence[Frame], cameras: Sequence[Intrinsics]) -> tupl
         cameras: Of each.
 
     Raises:
-        ValueError: they are of images of different sizes.
+        ValueError: they are of images of different sizes, or one can be that of no camera.
     """
+    for camera in cameras:
+        check_camera(camera)
     sizes = {(camera.width, camera.height) for camera in cameras}
     if len(sizes) > 1:
         raise ValueError(f"its frames have cameras of different sizes {sorted(sizes)}; map those of each size alone")

@@ -82,7 +82,8 @@ def read_open3d(folder: Path) -> Sequence:
     Raises:
         OSError, ValueError, RunFolderError: the camera or the poses are damaged, or no frame is whole.
     """
-    log = next(path for path in (folder / "trajectory.log", folder / "scene" / "trajectory.log") if path.is_file())
+    log = folder / "trajectory.log"
+    log = log if log.exists() else folder / "scene" / log.name
     numbers = np.array([float(word) for line in rows(log) for word in line.split()])
     # Each pose stands behind a line of three whole numbers.
     if not len(numbers) or len(numbers) % _LOG_NUMBERS:

@@ -36,6 +36,8 @@ def read_stray(folder: Path) -> Sequence:
     lines = number_rows(folder / "odometry.csv")
     if lines.shape[1] not in (9, 13):
         raise ValueError(f"the lines of odometry.csv hold {lines.shape[1]} numbers, not 9 or 13")
+    if not (np.abs(lines[:, 1]) < 1e9).all():
+        raise ValueError("odometry.csv holds frame numbers that are none")
     matrix = number_rows(folder / "camera_matrix.csv")
     if matrix.shape != (3, 3):
         raise ValueError(f"camera_matrix.csv holds {matrix.shape} numbers, not 3 x 3")

@@ -203,5 +203,5 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
         times = Times(options.needs_poses, options.match_s, options.max_gap_s)
         return LAYOUTS[found].read(folder, times), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
-        said = str(err) if isinstance(err, OSError | ValueError) else repr(err)
+        said = str(err) if isinstance(err, OSError | ValueError | OverflowError) else repr(err)
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({said}).") from err

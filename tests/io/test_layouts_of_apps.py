@@ -177,3 +177,19 @@ def test_stamps_in_other_units_than_seconds(tmp_path, digits, first):
     sequence, _ = open_sequence(tmp_path, SequenceOptions(camera=(32.0, 32.0, 32.0, 32.0)))
     assert_as_written(sequence)
     assert [frame.time_s for frame in sequence.frames] == pytest.approx([first + one.time_s for one in WALK], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("layout", "name", "damage"),
+    [
+        ("stray", "odometry.csv", lambda path: path.write_text(path.read_text().replace(" 000002", " inf"))),
+        ("stray", "camera_matrix.csv", lambda path: path.write_text("0 0 0\n0 0 0\n0 0 1\n")),
+        ("open3d", "trajectory.log", lambda path: (path.unlink(), path.mkdir())),
+        ("record3d", "depth/3.npy", lambda path: path.write_bytes(path.read_bytes().replace(b"'fortran", b"'''rtran"))),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, layout, name, damage):
+    write(tmp_path, layout)
+    damage(tmp_path / name)
+    with pytest.raises(RunFolderError, match=f"{name}|camera has|cannot be read"):
+        list(open_sequence(tmp_path, SequenceOptions(max_bad=0.0))[0].observations())
