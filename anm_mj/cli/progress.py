@@ -173,6 +173,11 @@ class Interrupt:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
+    @property
+    def is_asked(self) -> bool:
+        """Whether the end was asked for."""
+        return self._requested
+
     def on_event(self, event: object) -> bool:
         """Whether the end of the run was asked for; see :class:`anm_mj.events.Observer`."""
         return self._requested
