@@ -223,7 +223,8 @@ def _finish(
     folder: RunFolder, config: RunConfig, neural_map: NeuralMap, footprint: Footprint, log: RunLog, last: Observation
 ) -> None:
     """Map, mesh, top-down map and its picture."""
-    from anm_mj.viz.plots import draw_topdown
+    from anm_mj.viz.figure_file import save_figure
+    from anm_mj.viz.plots import topdown_figure
 
     with writing(folder.map), atomic_write(folder.map) as partial:
         neural_map.save(partial)
@@ -234,8 +235,7 @@ def _finish(
     state = stages.read(neural_map, last)
     write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), state.topdown, state.graph, state.regions))
     with writing(folder.topdown_picture):
-        draw_topdown(
-            folder.topdown_picture,
+        figure = topdown_figure(
             state.topdown,
             state.graph,
             state.regions,
@@ -243,6 +243,7 @@ def _finish(
             target_xy_m=log.last_target_xy_m,
             title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
         )
+        save_figure(figure, folder.topdown_picture)
 
 
 def _shadow_policy(config: RunConfig, footprint: Footprint) -> Policy:

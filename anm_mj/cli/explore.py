@@ -153,6 +153,7 @@ def show_run(
         live: whether it also takes a function that says whether the user wants an end.
     """
     from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.live_view import live_view
     from anm_mj.cli.log import log_to
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.cli.run_summary import report_metrics
@@ -161,17 +162,12 @@ def show_run(
     console = PlainConsole()
     if console.is_terminal:
         log_to(console, verbose=verbose)  # The live line makes room for what its own console prints.
-    viewer = None
-    if title is not None:
-        from anm_mj.viz.meshcat_viewer import MeshcatViewer
-
-        viewer = MeshcatViewer(port=port, title=title)
-    try:
-        with Interrupt(console) as interrupt, ProgressLine(console, details=verbose) as line:
-            waits = {"is_over": lambda: interrupt.is_asked} if live else {}
-            folder, metrics = start(observers=[interrupt, line, *([] if viewer is None else [viewer])], **waits)
-    finally:
-        if viewer is not None:
-            viewer.close()
+    with (
+        Interrupt(console) as interrupt,
+        live_view(title, port, interrupt) as views,
+        ProgressLine(console, details=verbose) as line,
+    ):
+        waits = {"is_over": lambda: interrupt.is_requested} if live else {}
+        folder, metrics = start(observers=[interrupt, line, *views], **waits)
     failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR)
     return report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)

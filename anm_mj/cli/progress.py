@@ -174,8 +174,8 @@ class Interrupt:
             signal.signal(number, handler)
 
     @property
-    def is_asked(self) -> bool:
-        """Whether the end was asked for."""
+    def is_requested(self) -> bool:
+        """Whether the end of the run was asked for."""
         return self._requested
 
     def on_event(self, event: object) -> bool:

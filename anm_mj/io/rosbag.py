@@ -187,9 +187,8 @@ class _Bag(BagMotion):
             topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in image_folders(images)
         ]
         same = [topic for topic in there if self.first(topic).header.frame_id == camera_frame]
-        topic = self.chosen("camera", there, beside[:1] or same)
+        topic = self._taken_calibration(self.chosen("camera", there, beside[:1] or same), beside)
         found = self.first(topic)
-        self._say_other_calibrations(topic, found, [each for each in beside if each != topic])
         if self.changes(topic):
             raise RunFolderError(
                 f"{topic} in {self.path} changes in the course of the bag, but a sequence has one camera; give it by "
@@ -202,27 +201,40 @@ class _Bag(BagMotion):
                 f"{self.path}: {err}; give it by --camera FX,FY,CX,CY, or record rectified images."
             ) from err
 
-    def _say_other_calibrations(self, topic: str, taken: Any, others: list[str]) -> None:
-        """Warn where the calibration beside colour and that beside depth tell of different cameras."""
-        for other in others:
+    def _taken_calibration(self, topic: str, beside: list[str]) -> str:
+        """Of calibrations beside depth and colour that differ, that of the colour, where all are of one frame."""
+        taken = self.first(topic)
+        for other in beside:
             also = self.first(other)
             mine, theirs = (self._focal_and_centre(info) for info in (taken, also))
-            if np.abs(mine - theirs).max() > _SAME_CAMERA * max(taken.width, 1):
-                _logger.warning(
-                    "%s: two calibrations differ, fx, fy, cx, cy = %s px of %s, which is taken, and %s px of %s: if "
-                    "depth is registered to the colour, that of the colour is true (--topic camera=%s).",
-                    self.path,
-                    ", ".join(f"{value:.5g}" for value in mine),
-                    topic,
-                    ", ".join(f"{value:.5g}" for value in theirs),
-                    other,
-                    other,
-                )
+            if np.abs(mine - theirs).max() <= _SAME_CAMERA * max(taken.width, 1):
+                continue
+            # Depth in the frame of the colour is registered to it, and seen by its camera.
+            is_registered = (taken.header.frame_id, taken.width) == (also.header.frame_id, also.width)
+            used, unused = (other, topic) if is_registered and "camera" not in self.topics else (topic, other)
+            _logger.warning(
+                "%s: two calibrations differ, fx, fy, cx, cy = %s px of %s and %s px of %s: %s is taken%s "
+                "(--topic camera=%s for the other).",
+                self.path,
+                _words(mine),
+                topic,
+                _words(theirs),
+                other,
+                used,
+                ", as depth of the colour's frame is seen by the colour's camera" if used == other else "",
+                unused,
+            )
+            return used
+        return topic
 
     def _focal_and_centre(self, info: Any) -> Float[np.ndarray, "4"]:
         # A bag of ROS 1 has upper-case names.
         matrix = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
         return matrix[[0, 4, 2, 5]]
+
+
+def _words(numbers: Float[np.ndarray, " n"]) -> str:
+    return ", ".join(f"{value:.5g}" for value in numbers)
 
 
 def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, LensDistortion | None]:

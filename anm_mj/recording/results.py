@@ -198,14 +198,15 @@ def write_results(
 
 def _draw(recorder: RunRecorder, survey: Survey, changes: Sequence[SurfaceChange]) -> None:
     """Draw the curve and the top-down map."""
-    from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
+    # No run waits for matplotlib before its first step.
+    from anm_mj.viz.figure_file import save_figure
+    from anm_mj.viz.plots import topdown_figure
 
     folder = recorder.folder
     if recorder.truth is not None:
         write_curve(folder, recorder.curve, recorder.statistics)
     with writing(folder.topdown_picture):
-        draw_topdown(
-            folder.topdown_picture,
+        figure = topdown_figure(
             survey.topdown,
             survey.graph,
             survey.regions,
@@ -214,6 +215,7 @@ def _draw(recorder: RunRecorder, survey: Survey, changes: Sequence[SurfaceChange
             title=titled(folder, pictured(recorder.curve, recorder.statistics)),
             changes=changes,
         )
+        save_figure(figure, folder.topdown_picture)
 
 
 def _write_explored(recorder: RunRecorder, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:

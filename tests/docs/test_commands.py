@@ -276,6 +276,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert main(words) == 0
         else:
             parse(words)  # tests/replay serves a page.
+    elif words[0] == "view":
+        assert {"run", "other"} <= parse(words).keys()  # tests/replay/test_pair.py executes it.
     elif words == ["eval", "runs/latest"]:
         if not (place / words[1]).exists():  # The real run may be a test of another process.
             run_for_real()
