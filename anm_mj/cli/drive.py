@@ -52,7 +52,7 @@ def drive(
         pose: slam corrects the odometry by localisation in the map
         dry: do not drive: only map, and show what would be done
         wait: begin at the command start on explore/command
-        settings: any setting of config.json, as in ros.forward_mps=0.2; may be repeated
+        settings: any setting of config.json, those of the robot too (ros.NAME); may be repeated
         verbose: show details
         **options: fields of ``RunConfig``
 

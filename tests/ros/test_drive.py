@@ -11,7 +11,12 @@ from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.ros.node import LATCHED, STATE, Node
 from tests.ros.fake_ros_robot import FakeRosRobot
 
-QUICK = ["mapping.schedule.first_iterations=5", "checkpoint.every_steps=2", "ros.wait_s=8.0"]
+QUICK = [
+    "mapping.schedule.first_iterations=5",
+    "checkpoint.every_steps=2",
+    "ros.wait_s=8.0",
+    "policy.bootstrap_turns=0",
+]
 
 
 class Heard(dict):
