@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,10 +17,10 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.checkpoint_file import StoredState
-from anm_mj.checkpoint.decode import restore
+from anm_mj.checkpoint.going_on import first_difference, lay_over, of_stored_state, say_other_engine
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves, read_config
-from anm_mj.errors import AnmError, CheckpointError
+from anm_mj.errors import CheckpointError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Observer
 from anm_mj.io.jsonl import LineWriter, read_jsonl
@@ -29,7 +28,6 @@ from anm_mj.io.read_run import read_json
 from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.io.to_json import to_json
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.planning.policies.registry import policies
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.run import checkpoint_roots, run_loop, saying_how_to_go_on
@@ -81,49 +79,23 @@ def resume(
     with make_parts(config, observers) as parts:
         _require_same_world(folder, parts)
         _require_same_settings(folder, stored, parts)
-        if stored.facts.get("engine") != parts.mapper.backend.name:
-            _logger.warning(
-                "The map was trained by %s and now is by %s: the run goes on, but not byte for byte.",
-                stored.facts.get("engine"),
-                parts.mapper.backend.name,
-            )
+        say_other_engine(stored, parts.mapper.backend.name)
         surface = parts.truth().surface
         lost = _num_lines(folder.steps) - stored.step
         state = LoopState()
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
         with RunRecorder(folder, surface, true_view(parts), config.record, before) as recorder:
-            with _of_stored_state(stored):
-                _restore(stored, checkpoint_roots(parts, recorder, state), parts)
+            with of_stored_state(stored):
+                lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
             folder.metrics.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:
                 log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
             begin -= float(stored.facts.get("wall_s", 0.0))
-            with _of_stored_state(stored), saying_how_to_go_on(folder):
+            with of_stored_state(stored), saying_how_to_go_on(folder):
                 return folder, run_loop(parts, folder, recorder, state, observers, begin)
-
-
-@contextmanager
-def _of_stored_state(stored: StoredState) -> Iterator[None]:
-    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it."""
-    try:
-        yield
-    except AnmError:
-        raise
-    except Exception as err:
-        _logger.debug("The error of the resumed run:", exc_info=True)
-        raise CheckpointError(
-            f"The run cannot go on from its checkpoint at step {stored.step} ({describe_error(err)}); start it again."
-        ) from err
-
-
-def _restore(stored: StoredState, roots: dict[str, Any], parts: Parts) -> None:
-    try:
-        restore(stored.nodes, stored.arrays, roots, parts.known)
-    except CheckpointError as err:
-        raise CheckpointError(f"The checkpoint at step {stored.step} does not fit this run: {err}") from err
 
 
 def _config(folder: RunFolder, policy: str | None) -> RunConfig:
@@ -180,12 +152,12 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
 
 def _require_same_settings(folder: RunFolder, stored: StoredState, parts: Parts) -> None:
     before, now = dict(leaves(convert(stored.facts, _Facts).config)), dict(leaves(to_json(parts.config)))
-    for name in sorted(before.keys() & now.keys()):
-        if name.split(".")[0] not in _FREE and before[name] != now[name]:
-            raise CheckpointError(
-                f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
-                "that back, or start a new run."
-            )
+    name = first_difference(before, now, _FREE)
+    if name is not None:
+        raise CheckpointError(
+            f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
+            "that back, or start a new run."
+        )
 
 
 def _num_lines(path: Path) -> int:

@@ -38,6 +38,7 @@ FLOORS = {
         ("config", "export"),
         ("prior_run",),
         ("run_parts",),
+        ("mapping_state",),
         ("localise_images", "map_sequence", "run"),
         ("api", "bench", "resume"),
         ("ros",),

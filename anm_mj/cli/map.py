@@ -60,6 +60,7 @@ def map_recorded(
     every: Count = 1,
     track: bool = False,
     reference: Path | None = None,
+    resume: Annotated[Path | None, Option("RUN")] = None,
     shadow: bool = False,
     radius: Metres = 0.18,
     height: Metres = 1.35,
@@ -99,6 +100,7 @@ def map_recorded(
         every: read every Nth frame only
         track: find the poses by localisation in the map; those of the sequence, if any, are a prior
         reference: poses in TUM format that the found ones are compared with; a sequence's own are no prior then
+        resume: go on with a run of the same command that was killed, interrupted or ended in an error, from its folder
         shadow: record at each frame where the policy would have gone (plans.jsonl)
         radius: radius of the robot
         height: height of the robot
@@ -128,6 +130,8 @@ def map_recorded(
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
     if port is not None and not view:
         raise ConfigError(f"--port is {port}, but nothing is shown; add --view.")
+    if resume is not None and out is not None:
+        raise ConfigError(f"--resume goes on in {resume}; leave out --out.")
     by_role = topics_by_role(topics)
     if reference is not None and not track:
         raise ConfigError("--reference is for poses that --track finds; give both, or none.")
@@ -177,6 +181,7 @@ def map_recorded(
             verdict=judged_before.verdict,
             corrections=judged_before.applied,
             observers=[FrameLine(console, on_progress), interrupt, *views],
+            resume=resume,
         )
     metrics = read_json(folder.metrics)
     print_fit(console, metrics)

@@ -103,7 +103,7 @@ class Sequence:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def observations(self, *, says_bad: bool = True) -> Iterator[Observation]:
+    def observations(self, *, says_bad: bool = True, start: int = 0) -> Iterator[Observation]:
         """The frames in order; the frame number is the step of the observation.
 
         A frame whose images are missing or damaged, or of another size than the camera's, is left out; at the end a
@@ -111,13 +111,14 @@ class Sequence:
 
         Args:
             says_bad: Whether it does.
+            start: The first frame.
 
         Raises:
             RunFolderError: more than ``max_bad`` of the frames are bad.
         """
         bad: list[int] = []
         first = ""
-        for step, frame in enumerate(self.frames):
+        for step, frame in enumerate(self.frames[start:], start):
             try:
                 observation = self._observation(step, frame)
             except RunFolderError as err:

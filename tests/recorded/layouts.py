@@ -6,6 +6,8 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from anm_mj.io.own_sequence import SequenceWriter
+
 LIFT_M = 0.7
 """Height of the floor in the worlds of others."""
 GL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -196,6 +198,12 @@ def write_open3d(folder, walk):
     k = walk[0].intrinsics
     facts = {"width": k.width, "height": k.height, "intrinsic_matrix": matrix_of(k).T.ravel().tolist()}
     (folder / "camera_intrinsic.json").write_text(json.dumps(facts))
+
+
+def write_ours(folder, walk):
+    writer = SequenceWriter(folder)
+    for observation in walk:
+        writer.write(observation)
 
 
 def matrix_of(camera, size=3):

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import trimesh
 
 from anm_mj.frames import pixel_directions
 from anm_mj.types import Intrinsics, Observation, Pose2
@@ -15,25 +14,25 @@ STEP_S = 0.4
 """From one frame to the next."""
 
 
-def painted(T_world_camera, depth_m, camera):
+def painted(T_world_camera, depth_m, directions):
     """A colour for each place on the walls."""
-    points = (pixel_directions(camera) * depth_m[..., None]) @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+    points = (directions * depth_m[..., None]) @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
     shade = 0.5 + 0.22 * np.sin(points @ [5.0, 3.0, 4.0]) + 0.22 * np.sin(points @ [-3.0, 6.0, 2.0])
     return np.repeat((255 * shade).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def walk(camera=CAMERA, count=12):
-    """Once around while going ahead."""
+def walk(camera=CAMERA, count=12, directions=None):
+    """Once around while going ahead; what the pixels look along, (h, w, 3) with z = 1, where it is no pinhole."""
     seen = []
+    directions = pixel_directions(camera) if directions is None else directions
     for step in range(count):
         pose = Pose2(-0.9 + 0.15 * step, 0.3 * math.sin(step), step * math.pi / 6.0)
         T = camera_pose(pose)
-        depth_m = room_depth(T, camera)
-        seen.append(Observation(step, STEP_S * step, painted(T, depth_m, camera), depth_m, camera, T, pose))
+        depth_m = room_depth(T, directions)
+        seen.append(Observation(step, STEP_S * step, painted(T, depth_m, directions), depth_m, camera, T, pose))
     return seen
 
 
-def to_walls_m(path):
-    """Mean distance of the vertices of a mesh file from the walls [m]."""
-    vertices = np.asarray(trimesh.load_mesh(path).vertices)
-    return float(np.abs(np.minimum(vertices - ROOM_LOW_M, ROOM_HIGH_M - vertices)).min(axis=1).mean())
+def to_walls_m(points):
+    """Distances of points from the walls [m]."""
+    return np.abs(np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points)).min(axis=-1)
