@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,7 +32,7 @@ from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.registry import policies
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.run import checkpoint_roots, run_loop, saying_how_to_go_on
-from anm_mj.run_parts import Parts, make_parts, true_view
+from anm_mj.run_parts import Parts, make_parts
 from anm_mj.types import StopReason
 from anm_mj.utils.read_file import convert
 
@@ -53,7 +54,14 @@ class _Facts(Struct):
 
 
 def resume(
-    path: Path, *, policy: str | None = None, device: str | None = None, observers: Sequence[Observer] = ()
+    path: Path,
+    *,
+    policy: str | None = None,
+    device: str | None = None,
+    observers: Sequence[Observer] = (),
+    kind: type[RunConfig] = RunConfig,
+    assemble: Callable[..., AbstractContextManager[Parts]] = make_parts,
+    state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
     """Go on with a run.
 
@@ -62,6 +70,9 @@ def resume(
         policy: ``module:Class`` of the run, which says that this code may run; None = only policies of this package.
         device: where the map trains; None = as before.
         observers: see :func:`anm_mj.run.run`.
+        kind: of its configuration.
+        assemble: puts it together, called as :func:`anm_mj.run_parts.make_parts`.
+        state: see :func:`anm_mj.run.run_with`.
 
     Raises:
         CheckpointError: the run has ended, has no whole checkpoint, or is one of another scene, robot or version.
@@ -71,21 +82,20 @@ def resume(
     folder = RunFolder.open(path)
     refuse_links(folder.path.resolve())
     _require_unfinished(folder)
-    config = _config(folder, policy)
+    config = _config(folder, policy, kind)
     if device is not None:
         config = replace(config, device=device)
     store = CheckpointStore(folder.checkpoints)
     stored = store.newest(lambda state: _require_logs(folder, state))
-    with make_parts(config, observers) as parts:
+    with assemble(config, observers) as parts:
         _require_same_world(folder, parts)
         _require_same_settings(folder, stored, parts)
         say_other_engine(stored, parts.mapper.backend.name)
-        surface = parts.truth().surface
         lost = _num_lines(folder.steps) - stored.step
-        state = LoopState()
+        state = state or LoopState()
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
-        with RunRecorder(folder, surface, true_view(parts), config.record, before) as recorder:
+        with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
             with of_stored_state(stored):
                 lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
             folder.metrics.unlink(missing_ok=True)
@@ -98,7 +108,7 @@ def resume(
                 return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
-def _config(folder: RunFolder, policy: str | None) -> RunConfig:
+def _config(folder: RunFolder, policy: str | None, kind: type[RunConfig]) -> RunConfig:
     """The configuration; raises CheckpointError where the policy is no name, or code that nobody has vouched for."""
     values = read_json(folder.config)
     named = values.get("policy")
@@ -113,7 +123,7 @@ def _config(folder: RunFolder, policy: str | None) -> RunConfig:
             f"The run's policy '{named}' is code outside of this program, and a run folder may come from anybody; if "
             f"you trust it, add --policy {named}."
         )
-    return read_config(values)
+    return read_config(values, kind)
 
 
 def _require_unfinished(folder: RunFolder) -> None:

@@ -24,7 +24,7 @@ RUN_FAILED = 2
 """Exit status of a run that an error of its policy or of its map has ended; its files are complete."""
 
 
-def _policies() -> Iterator[str]:
+def policy_names() -> Iterator[str]:
     """The names of the policies, with a few words where one has any."""
     yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
 
@@ -32,7 +32,7 @@ def _policies() -> Iterator[str]:
 def _run_fields() -> tuple[type, Mapping[str, Option]]:
     from anm_mj.config import OPTIONS, RunConfig
 
-    names = {"policy": _policies}
+    names = {"policy": policy_names}
     return RunConfig, {field: Option(words, names=names.get(field)) for field, words in OPTIONS.items()}
 
 
@@ -123,7 +123,7 @@ def explore(
 
         title = f"{Path(scene).name}, {config.policy}, seed {config.seed}"
         start = functools.partial(run, config, out=out)
-    return _show(start, title if view else None, port, verbose=verbose)
+    return show_run(start, title if view else None, port, verbose=verbose)
 
 
 def _refuse(**given: Any) -> None:
@@ -135,8 +135,13 @@ def _refuse(**given: Any) -> None:
             raise ConfigError(f"--resume goes on with the run as it was set up; leave out {what}.")
 
 
-def _show(
-    start: Callable[..., tuple[RunFolder, Metrics]], title: str | None, port: int | None, *, verbose: bool
+def show_run(
+    start: Callable[..., tuple[RunFolder, Metrics]],
+    title: str | None,
+    port: int | None,
+    *,
+    verbose: bool,
+    live: bool = False,
 ) -> Report:
     """Run, show how it goes, and print the metrics at the end.
 
@@ -145,6 +150,7 @@ def _show(
         title: of the page in the browser; None = no page.
         port: of the page.
         verbose: whether details are shown.
+        live: whether it also takes a function that says whether the user wants an end.
     """
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.live_view import live_view
@@ -161,6 +167,7 @@ def _show(
         live_view(title, port, interrupt) as views,
         ProgressLine(console, details=verbose) as line,
     ):
-        folder, metrics = start(observers=[interrupt, line, *views])
+        waits = {"is_over": lambda: interrupt.is_requested} if live else {}
+        folder, metrics = start(observers=[interrupt, line, *views], **waits)
     failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR)
     return report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)

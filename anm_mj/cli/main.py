@@ -16,6 +16,7 @@ from anm_mj.cli.bench import bench
 from anm_mj.cli.command_line import USAGE_ERROR, Group, Report, fail, find, parse
 from anm_mj.cli.completion import completion
 from anm_mj.cli.doctor import doctor
+from anm_mj.cli.drive import drive
 from anm_mj.cli.evaluate import evaluate
 from anm_mj.cli.explore import explore
 from anm_mj.cli.export import export
@@ -41,6 +42,7 @@ COMMANDS = Group(
         "map": map_recorded,
         "localise": localise,
         "simulate": simulate,
+        "drive": drive,
         "view": view,
         "export": export,
         "bench": bench,

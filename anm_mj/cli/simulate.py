@@ -74,7 +74,7 @@ def simulate(
         served = SimulatedRosRobot(robot, node, image_hz=image_hz, rate=rate)
         with Interrupt(console, "Ending.") as interrupt:
             console.say(f"{world.name}: the robot listens to {node.name('cmd_vel')}; Ctrl-C ends it.")
-            done = served.serve(lambda: interrupt.on_event(None), math.inf if duration is None else duration)
+            done = served.serve(lambda: interrupt.is_requested, math.inf if duration is None else duration)
     console.say(
         f"{done.simulated_s:.1f} s simulated in {done.wall_s:.1f} s (real-time factor {done.rate:.2f}), "
         f"{done.contacts} contacts, {done.images} pairs of images, {done.skipped} left out."

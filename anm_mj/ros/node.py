@@ -33,6 +33,9 @@ _SERVICE = "uint64 client\nint64 number\n"
 """What precedes request and reply of a service where ROS 2 runs on Cyclone DDS."""
 _TRIGGER = {"Request": "uint8 unused\n", "Reply": "bool success\nstring message\n"}
 
+Heard = Callable[[Any, int], object]
+"""Called with a message, and a number that stands for its publisher."""
+
 _logger = logging.getLogger(__name__)
 
 
@@ -104,7 +107,8 @@ class Node:
         self._types = DdsTypes(self.messages.store)
         self._namespace = require_name(namespace.strip("/")) if namespace.strip("/") else ""
         self._on_bad = on_bad or (lambda topic, what: _logger.warning("%s: %s", topic, what))
-        number, config = domain_id(), network_config()
+        self.number = number = domain_id()
+        config = network_config()
         try:
             self._domain = domain(number, config)
             self._participant = DomainParticipant(number)
@@ -114,7 +118,7 @@ class Node:
             ) from err
         self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._topics: dict[tuple[str, str], Any] = {}
-        self._readers: list[tuple[Any, str, str, Callable[[Any, int], None]]] = []
+        self._readers: list[tuple[Any, str, str, Heard]] = []
         self._waitset, self._lock = WaitSet(self._participant), threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
@@ -136,13 +140,13 @@ class Node:
         writer = DataWriter(self._participant, self._topic(f"rt{name}", kind), delivery.policies())
         return Publisher(writer, self.messages, name)
 
-    def subscribe(self, topic: str, kind: str, heard: Callable[[Any, int], None], delivery: Delivery = SENSOR) -> None:
+    def subscribe(self, topic: str, kind: str, heard: Heard, delivery: Delivery = SENSOR) -> None:
         """Hear the messages of a topic.
 
         Args:
             topic: its name.
             kind: its type.
-            heard: called with each message, and a number that stands for its publisher.
+            heard: called with each message.
             delivery: what is asked of publishers.
         """
         self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
@@ -182,10 +186,12 @@ class Node:
 
     def close(self) -> None:
         """Leave the domain; a second time does nothing."""
+        if self._closing.is_set():
+            return
         self._closing.set()
         self._thread.join(5.0)
-        with self._lock:
-            self._readers.clear()
+        # Its readers and writers go with it, whoever still holds them.
+        self._participant.__del__()
 
     def __enter__(self) -> Node:
         return self
@@ -198,7 +204,7 @@ class Node:
             self._topics[name, kind] = Topic(self._participant, name, self._types.of(kind))
         return self._topics[name, kind]
 
-    def _read(self, dds_name: str, name: str, kind: str, heard: Callable[[Any, int], None], delivery: Delivery) -> None:
+    def _read(self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery) -> None:
         reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
         condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         with self._lock:
@@ -216,7 +222,7 @@ class Node:
                     if about.valid_data:
                         self._hear(data, about.publication_handle, name, kind, heard)
 
-    def _hear(self, data: bytes, publisher: int, name: str, kind: str, heard: Callable[[Any, int], None]) -> None:
+    def _hear(self, data: bytes, publisher: int, name: str, kind: str, heard: Heard) -> None:
         """Hand a message on; whatever anybody sends, the thread goes on."""
         try:
             heard(self.messages.store.deserialize_cdr(data, kind), publisher)

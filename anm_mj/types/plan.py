@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int8
+from jaxtyping import Bool, Float, Float32, Int, Int8
 
 from anm_mj.types.motion import Action, StopReason
 
@@ -26,6 +26,8 @@ class TopDownMap:
     """Where free space ends at an obstacle: zero-crossings of the field, finer than a cell [m]."""
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Where free space borders on unknown space [m]."""
+    no_floor: Bool[np.ndarray, "rows cols"] | None = None
+    """Where a view went through to below the floor: a drop, and what lies beyond it; None where nobody knows."""
 
 
 @dataclass(frozen=True)

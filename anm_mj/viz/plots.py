@@ -80,9 +80,12 @@ def topdown_figure(
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
     axes.set_title(plain(title), pad=10.0)
     drawn, names = axes.get_legend_handles_labels()
+    space = [("occupied", palette.WALL), ("unknown", palette.UNKNOWN)]
+    if topdown.no_floor is not None and topdown.no_floor.any():
+        space.insert(1, ("no floor", palette.NO_FLOOR))
     figure.legend(
-        [_FreeSpace(), _swatch(palette.WALL), _swatch(palette.UNKNOWN), *drawn],
-        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", "occupied", "unknown", *names],
+        [_FreeSpace(), *(_swatch(colour) for _, colour in space), *drawn],
+        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
         loc="outside lower center",
         ncols=4,
         fontsize=8,

@@ -175,6 +175,7 @@ def test_options(capsys):
         ["map"],
         ["localise"],
         ["simulate"],
+        ["drive"],
         ["bench"],
         ["doctor"],
         ["completion"],
@@ -243,6 +244,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["map"],
         ["localise"],
         ["simulate"],
+        ["drive"],
         ["robot", "check"],
         ["completion"],
     ):
@@ -267,7 +269,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert parsed["file"].is_file()
     elif words[0] in ("map", "localise"):
         parse(words)  # tests/test_map_sequence.py and tests/test_localise_images.py execute these.
-    elif words[0] == "simulate":
+    elif words[0] in ("simulate", "drive"):
         parse(words)  # tests/ros executes these.
     elif words[:2] in (["view", "runs/latest"], ["export", "runs/latest"]):
         if len(words) > 2:

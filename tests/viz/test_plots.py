@@ -8,11 +8,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from anm_mj.types import Pose2
+from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, TopDownMap
 from anm_mj.viz import palette
 from anm_mj.viz.figure_file import KINDS, plain, save_figure
 from anm_mj.viz.plots import curve_figure, topdown_figure
-from anm_mj.viz.tint import free_tint, rgb_of
+from anm_mj.viz.tint import free_tint, rgb_of, tint
 from tests.box_room import room_plan
 
 
@@ -87,6 +87,16 @@ def test_free_and_unknown_space_differ_in_grey():
     colours = [palette.WALL, palette.UNKNOWN, palette.NEAR, palette.CLEAR]
     grey = [float(np.dot(rgb_of(colour), [0.299, 0.587, 0.114])) for colour in colours]
     assert np.diff(grey).min() > 20.0
+
+
+def test_a_drop_is_no_wall_in_the_picture():
+    state = np.full((1, 3), OCCUPIED, np.int8)
+    state[0, 2] = UNKNOWN
+    no_floor = np.array([[True, False, False]])
+    image = tint(TopDownMap(np.zeros((1, 3), np.float32), state, 0.05, np.zeros(2), no_floor=no_floor))
+    assert [tuple(pixel) for pixel in image[0]] == [
+        rgb_of(colour) for colour in (palette.NO_FLOOR, palette.WALL, palette.UNKNOWN)
+    ]
 
 
 def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
