@@ -21,7 +21,16 @@ from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register, register_from_several
+from anm_mj.localisation.registration import (
+    FREE,
+    PLANAR,
+    Extra,
+    Prior,
+    Registration,
+    Sums,
+    register,
+    register_from_several,
+)
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
@@ -138,9 +147,7 @@ class FieldLocaliser:
         align, known = self._map.backend.align, self._known
         found = register(points, prior, align, known, settings, extra)
         if self._may_be_wrong(prior, found):
-            found = register_from_several(
-                points, prior, align, known, self._contradicted, settings, extra, rng, found
-            )
+            found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -149,7 +156,7 @@ class FieldLocaliser:
         if found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=False)
         self._misfits = 0
-        self._costs = [*self._costs, sum(found.means)][-_USUAL_FRAMES:]
+        self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
@@ -285,7 +292,7 @@ class FieldLocaliser:
         position, rotation = _deviations(prior.basis @ prior.covariance @ prior.basis.T)
         vague = position > settings.retry_least_m or rotation > settings.retry_least_rad
         usual = float(np.median(self._costs)) if self._costs else 0.0
-        return sum(found.means) > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
+        return found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
         return float(np.mean(agreement(points, T_world_camera, self._map.occupancy.by_depth).contradicted))

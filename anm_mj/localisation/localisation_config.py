@@ -108,7 +108,7 @@ class MotionConfig(Settings, group="localisation.motion", error=MapError):
     """Odometry: standard deviations of any motion, at least: of its translation [m], of its rotation [rad]."""
     learn_frames: int = setting(30, at_least=1, at_most=10_000)
     """Frames over which the noise of motions is learnt from what registration corrects."""
-    first_scale: float = setting(3.0, at_least=1.0)
+    first_scale: float = setting(1.0, at_least=1.0)
     """Their standard deviation until then, in those expected."""
     free_share: float = 0.5
     """Constant velocity: standard deviation of a frame's motion as a share of the motion before it."""

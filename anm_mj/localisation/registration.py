@@ -33,6 +33,15 @@ class Sums(NamedTuple):
     """Points that took part; the others cost as much as the worst of outliers."""
 
 
+class Fit(NamedTuple):
+    """What the points that took part say of a pose."""
+
+    mean_cost: float
+    """In squared standard deviations."""
+    share: float
+    """Of these points among all."""
+
+
 Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], Sums]
 """Further sums over a frame's points at a pose, with a width of the kernel in standard deviations."""
 Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
@@ -76,9 +85,15 @@ class Registration:
     iterations: int
     cost: float
     """Minus twice the logarithm of the likelihood, up to a constant of the frame."""
-    means: tuple[float, ...] = ()
-    shares: tuple[float, ...] = ()
-    prior_cost: float = 0.0
+    fits: tuple[Fit, ...]
+    """Of the field, and of what is added to it."""
+    prior_cost: float
+    """Squared deviation from the prior, in squared standard deviations."""
+
+    @property
+    def mean_cost(self) -> float:
+        """Of a point that took part, in squared standard deviations."""
+        return sum(each.mean_cost for each in self.fits)
 
 
 def register(
@@ -107,29 +122,26 @@ def register(
     trusted = points
     hessian = np.zeros_like(information)
 
-    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, float]:
+    def fit(cost: float, num_points: float) -> Fit:
+        return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, len(points)))
+
+    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
         settings = config.settings(share)
         found = align(trusted, T, settings)
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
-        worst = settings.kernel**2
-        cost = found.facts[0, 0] + (len(points) - found.facts[0, 2]) * worst
-        means[:], shares[:] = [found.facts[0, 0] / max(found.facts[0, 2], 1.0)], [found.facts[0, 2] / max(1, len(points))]
+        fits = [fit(found.facts[0, 0], found.facts[0, 2])]
         if extra is not None:
             more = extra(points, T, settings.kernel)
             full, slope = full + more.hessian, slope + more.gradient
-            cost += more.cost + (len(points) - more.num_points) * worst
-            means.append(more.cost / max(more.num_points, 1.0))
-            shares.append(more.num_points / max(1, len(points)))
-        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
+            fits.append(fit(more.cost, more.num_points))
+        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
 
-    means: list[float] = []
-    shares: list[float] = []
     iteration = 0
     while True:
         if iteration in (0, config.recheck_after):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
-        equations, hessian, gradient, cost = sums(T, share)
+        equations, hessian, gradient, fits = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
         if iteration >= config.iterations:
             break
@@ -144,6 +156,8 @@ def register(
     cut = 2.0 * config.field_deviation_m
     close = distance[np.abs(distance) < 3 * cut]
     rmse = float(np.sqrt(np.mean(close**2))) if len(close) else float("nan")
+    prior_cost = float(offset @ information @ offset)
+    worst = config.settings(share).kernel ** 2
     root = np.linalg.cholesky(prior.covariance)
     gain = np.linalg.eigvalsh(root.T @ hessian @ root)
     return Registration(
@@ -155,10 +169,12 @@ def register(
         rmse,
         int(np.count_nonzero(gain > 1.0)),
         iteration,
-        config.information * cost + float(offset @ information @ offset),
-        tuple(means),
-        tuple(shares),
-        float(offset @ information @ offset),
+        config.information
+        * len(points)
+        * sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
+        + prior_cost,
+        tuple(fits),
+        prior_cost,
     )
 
 
@@ -193,13 +209,12 @@ def register_from_several(
     few = points.every(max(1, len(points) // config.retry_points))
 
     def cost(found: Registration) -> float:
-        wrong = contradicted(few, found.T_world_camera)
-        total = found.prior_cost
-        for mean, share, usual, at_odds in zip(found.means, found.shares, first.means, (wrong, 0.0), strict=False):
-            taken = min(share, 1.0 - at_odds)
-            per_point = taken * mean + at_odds * config.kernel**2 + (1.0 - taken - at_odds) * usual
-            total += config.information * len(points) * per_point
-        return total
+        at_odds = (contradicted(few, found.T_world_camera), 0.0)
+        total = 0.0
+        for now, usual, wrong in zip(found.fits, first.fits, at_odds, strict=False):
+            taken = min(now.share, 1.0 - wrong)
+            total += taken * now.mean_cost + wrong * config.kernel**2 + (1.0 - taken - wrong) * usual.mean_cost
+        return config.information * len(points) * total + found.prior_cost
 
     best, lowest = first, config.retry_gain * cost(first)
     least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
