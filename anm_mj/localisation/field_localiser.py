@@ -19,7 +19,7 @@ from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
+from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import (
     FREE,
@@ -106,8 +106,7 @@ class FieldLocaliser:
         self._costs: list[float] = []
         """A point's, of the registrations of the last frames that fitted."""
         self._motion_noise = MotionNoise(config.motion)
-        self._scale = 1.0
-        """Of the last prior's motion."""
+        self._scale = self._motion_noise.scale
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
@@ -289,7 +288,7 @@ class FieldLocaliser:
     def _may_be_wrong(self, prior: Prior, found: Registration) -> bool:
         """Whether a registration may have ended in a false minimum: it costs more than usual."""
         settings = self.config.registration
-        position, rotation = _deviations(prior.basis @ prior.covariance @ prior.basis.T)
+        position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
         vague = position > settings.retry_least_m or rotation > settings.retry_least_rad
         usual = float(np.median(self._costs)) if self._costs else 0.0
         return found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
@@ -315,7 +314,7 @@ class FieldLocaliser:
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
 
     def _is_sure(self) -> bool:
-        position, rotation = _deviations(self._basis @ self._covariance @ self._basis.T)
+        position, rotation = largest_deviations(self._basis @ self._covariance @ self._basis.T)
         tracking = self.config.tracking
         return position <= tracking.most_deviation_m and rotation <= tracking.most_deviation_rad
 
@@ -349,10 +348,3 @@ class FieldLocaliser:
         assert self._T_camera_base is not None
         base = T_world_camera @ self._T_camera_base
         return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))
-
-
-def _deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
-    """Largest standard deviations of a position [m] and of a rotation [rad]."""
-    parts = slice(3), slice(3, 6)
-    position, rotation = (math.sqrt(float(np.linalg.eigvalsh(covariance[part, part])[-1])) for part in parts)
-    return position, rotation

@@ -107,9 +107,7 @@ class MotionConfig(Settings, group="localisation.motion", error=MapError):
     odometry_floor: tuple[float, float] = (0.002, 0.002)
     """Odometry: standard deviations of any motion, at least: of its translation [m], of its rotation [rad]."""
     learn_frames: int = setting(30, at_least=1, at_most=10_000)
-    """Frames over which the noise of motions is learnt from what registration corrects."""
-    first_scale: float = setting(1.0, at_least=1.0)
-    """Their standard deviation until then, in those expected."""
+    """Frames over which is learnt, from what registration corrects, how much noisier motions are than expected."""
     free_share: float = 0.5
     """Constant velocity: standard deviation of a frame's motion as a share of the motion before it."""
     free_translation_m: float = 0.01

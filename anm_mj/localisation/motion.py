@@ -84,9 +84,11 @@ class MotionNoise:
     @property
     def scale(self) -> float:
         """Factor of the standard deviation; at least 1."""
-        known = len(self._squares) / self._config.learn_frames
-        learnt = math.sqrt(float(np.median(self._squares)) / _MEDIAN_SQUARE) if self._squares else 1.0
-        return max(1.0, known * learnt + (1.0 - known) * self._config.first_scale)
+        if not self._squares:
+            return 1.0
+        share = len(self._squares) / self._config.learn_frames
+        learnt = math.sqrt(float(np.median(self._squares)) / _MEDIAN_SQUARE)
+        return max(1.0, share * learnt + 1.0 - share)
 
     def add(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"], scale: float) -> None:
         """Take in what a frame's pose says of its prior, which was made with a scale."""
