@@ -93,7 +93,7 @@ class Registration:
     @property
     def mean_cost(self) -> float:
         """Of a point that took part, in squared standard deviations."""
-        return sum(each.mean_cost for each in self.fits)
+        return sum(each.mean_cost for each in self.fits) / len(self.fits)
 
 
 def register(
@@ -223,8 +223,9 @@ def register_from_several(
         offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
         start = moved_camera(prior.T_world_camera, offset)
         found = register(few, prior, align, known, config, extra, start)
-        if cost(found) < lowest:
-            best, lowest = found, cost(found)
+        value = cost(found)
+        if value < lowest:
+            best, lowest = found, value
     return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
 
 
