@@ -72,10 +72,10 @@ def make_robot(
     import mujoco
 
     from anm_mj.localisation.odometry import odometer_of
-    from anm_mj.sim.describe_file import describe_file
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
+    from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
     from anm_mj.sim.drives.physics_drive import PhysicsDrive
     from anm_mj.sim.gl_camera import GlCamera

@@ -59,8 +59,8 @@ def places_of(source: Path, others: Sequence[Path] = ()) -> Places:
 def world_places(world: Path, given: Sequence[Path]) -> Places:
     """Where the models that a world names are looked for, and may lie.
 
-    Those given come first, then those of Gazebo's and ROS's environment variables, then ``models`` beside the world's folder or a
-    few levels above it, and last Gazebo's own caches.
+    Those given come first, then those of Gazebo's and ROS's environment variables, then ``models`` beside the world's
+    folder or a few levels above it, and last Gazebo's own caches.
     """
     stated = list(given)
     for variable, below in (*((name, ".") for name in _VARIABLES), *_ROS):
