@@ -31,7 +31,8 @@ def urdf(mesh, more=""):
     wheels = "".join(
         f'<joint name="{side}_wheel_joint" type="continuous"><parent link="base"/><child link="{side}_wheel"/>'
         f'<origin xyz="0 {y} -0.04"/><axis xyz="0 1 0"/></joint><link name="{side}_wheel">{_MASS.format(0.2)}'
-        '<collision><origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.04" length="0.02"/></geometry></collision></link>'
+        '<collision><origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.04" length="0.02"/></geometry></collision>'
+        "</link>"
         for side, y in (("left", 0.15), ("right", -0.15))
     )
     shape = f'<geometry><mesh filename="{mesh}"{more}/></geometry>'
