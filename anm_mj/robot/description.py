@@ -124,7 +124,8 @@ def describe_robot(
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
     try:
-        spec = spec or read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+        if spec is None:
+            spec = read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
         raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:

@@ -123,14 +123,14 @@ def _merge(parent: ET.Element, model: ET.Element) -> None:
     name = f"_merged__{model.get('name', '')}__model__"
     frame = ET.Element("frame", name=name)
     frame.extend(model.findall("pose"))
-    placed = model.get("placement_frame")
+    frames, placed = [frame], model.get("placement_frame")
     if placed:
         # The pose is that of the placement frame, and the model's own follows from it.
         T = np.linalg.inv(Scope(model, np.eye(4), {}, "").frame(placed))
         numbers = (*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat())
         frame.set("name", f"{name}placement")
-        inner = ET.Element("frame", name=name)
-        pose = ET.SubElement(inner, "pose", relative_to=f"{name}placement", rotation_format="quat_xyzw")
+        frames.append(ET.Element("frame", name=name))
+        pose = ET.SubElement(frames[-1], "pose", relative_to=f"{name}placement", rotation_format="quat_xyzw")
         pose.text = " ".join(map(repr, map(float, numbers)))
     at = list(parent).index(model)
     parent.remove(model)
@@ -147,8 +147,7 @@ def _merge(parent: ET.Element, model: ET.Element) -> None:
         if part.tag != "joint" and not (relative_to(part) or part.get("attached_to")):
             pose = part.find("pose")
             (ET.SubElement(part, "pose") if pose is None else pose).set("relative_to", name)
-    for part in reversed([frame, *([inner] if placed else []), *parts]):
-        parent.insert(at, part)
+    parent[at:at] = [*frames, *parts]
 
 
 def _parse(file: Path) -> ET.Element:
