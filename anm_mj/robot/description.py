@@ -111,12 +111,12 @@ def describe_robot(
     camera: CameraConfig | None = None,
     image_px: int = 256,
     *,
-    spec: mujoco.MjSpec | None = None,
+    given: mujoco.MjSpec | None = None,
 ) -> RobotDescription:
     """Read a robot from an MJCF file.
 
     ``config`` says how where the file leaves that open, ``camera`` what differs from its camera, and ``image_px`` the
-    width and height of its image where ``camera`` does not [px]. ``spec`` is what another reader made of the file; it
+    width and height of its image where ``camera`` does not [px]. ``given`` is what another reader made of the file; it
     is changed.
 
     Raises:
@@ -124,8 +124,7 @@ def describe_robot(
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
     try:
-        if spec is None:
-            spec = read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+        spec = given or read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
         raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:

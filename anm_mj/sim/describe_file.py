@@ -35,7 +35,7 @@ def describe_file(
         RobotError: as ``describe_robot``, or if macros cannot be expanded, or a mesh is nowhere or cannot be read.
     """
     is_urdf = path.suffix.lower() == XACRO or root_tag(path) == "robot"
-    return describe_robot(path, config, camera, image_px, spec=_urdf_spec(path) if is_urdf else None)
+    return describe_robot(path, config, camera, image_px, given=_urdf_spec(path) if is_urdf else None)
 
 
 def _urdf_spec(path: Path) -> mujoco.MjSpec:
