@@ -78,7 +78,7 @@ def _grid(
 def _slopes(
     k: Intrinsics, row: Int64[np.ndarray, " n"], col: Int64[np.ndarray, " n"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """x / z and y / z of the rays through pixels."""
+    """Of the rays through pixels, x / z and y / z."""
     x = (col + np.float32(0.5) - np.float32(k.cx)) / np.float32(k.fx)
     y = (row + np.float32(0.5) - np.float32(k.cy)) / np.float32(k.fy)
     return x, y
