@@ -107,7 +107,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
 def true_view(parts: Parts) -> Callable[[], TrueView] | None:
     """A function that gives true poses and depth; None where observations hold them."""
     config = parts.config
-    exact = config.pose == "true" and not config.sensor.misses
+    exact = config.pose == "true" and not config.sensor.misses and not config.people.number
     return None if exact else parts.robot.true_view
 
 

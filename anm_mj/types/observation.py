@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 
 
 class PixelState(IntEnum):
@@ -104,6 +104,18 @@ class Observation:
 
 
 @dataclass(frozen=True)
+class TruePeople:
+    """The people in the scene at an observation; for the evaluation, never for the robot."""
+
+    states: Float[np.ndarray, "n 5"]
+    """x [m], y [m], yaw [rad], phase of the gait [rad], and how far the limbs swing, in [0, 1]."""
+    shown: Bool[np.ndarray, "h w"]
+    """The pixels that show somebody."""
+    nearest_m: float
+    """Between the robot's body and the nearest person's [m]."""
+
+
+@dataclass(frozen=True)
 class TrueView:
     """What an observation was truly made of; for the evaluation, never for the robot."""
 
@@ -112,4 +124,6 @@ class TrueView:
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     depth_m: Float32[np.ndarray, "h w"]
-    """Exact planar z where the sensor gave a value [m]; not finite elsewhere."""
+    """Exact planar z where the sensor gave a value [m]; not finite elsewhere, nor where it shows people."""
+    people: TruePeople | None = None
+    """None where nobody is in the scene."""

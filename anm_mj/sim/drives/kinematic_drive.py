@@ -70,15 +70,21 @@ class KinematicDrive(WheelDrive):
         speeds = self._kinematics.wheel_speeds(forward_m / duration_s, turn_rad / duration_s)
         return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=abs(forward_m))
 
-    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
-        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
+    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> Pose2:
+        """Write positions and time after some actions into other data of the same model, as if nothing were in the way.
+
+        Returns:
+            The pose of the base then.
+        """
         base = next((base for known, base in self._ahead if known is data), None)
         if base is None:
             base = simulated_base(self._model, data, self._prefix, self._description)
             self._ahead.append((data, base))
-        data.qpos[:] = self._data.qpos
+        data.qpos[:], data.time = self._data.qpos, self._data.time
         for action in actions:
             self._move(base, *action_motion(action))
+            data.time += action_profile(action, self._limits).duration_s
+        return base.pose
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Roll at a constant velocity for a time [s], all of it or nothing.
@@ -107,11 +113,19 @@ class KinematicDrive(WheelDrive):
     def _roll(self, forward_m: float, turn_rad: float, duration_s: float) -> bool:
         """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way."""
         self._data.time += duration_s
-        if forward_m and self._clearance.sweep_collides(self._base.pose, forward_m, turn_rad):
-            return False
-        self._move(self._base, forward_m, turn_rad)
-        self._odometer.update(self._base.wheel_angles_rad)
-        return True
+        free = not forward_m or not self._is_in_the_way(forward_m, turn_rad)
+        if free:
+            self._move(self._base, forward_m, turn_rad)
+            self._odometer.update(self._base.wheel_angles_rad)
+        self._pass_time()
+        return free
+
+    def _is_in_the_way(self, forward_m: float, turn_rad: float) -> bool:
+        """Whether a motion from the present pose meets an obstacle or a person."""
+        pose = self._base.pose
+        if self._crowd is not None and self._crowd.touches(pose.xy_m, move_pose(pose, forward_m, turn_rad).xy_m):
+            return True
+        return self._clearance.sweep_collides(pose, forward_m, turn_rad)
 
     def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:
         pose = base.pose

@@ -243,6 +243,7 @@ class PhysicsDrive(WheelDrive):
         speeds = self._servo.speeds(self._base.pose, reference)
         self._data.ctrl[self._motors] = self._signs * np.repeat(speeds, len(self._signs) // len(speeds))
         self._touched |= self._servo.is_near_obstacle
+        self._pass_time()
         for _ in range(_SUBSTEPS):
             mujoco.mj_step(self._model, self._data)
             if forward and self._contacts.blocks(self._base.pose.yaw_rad):
@@ -258,6 +259,7 @@ class PhysicsDrive(WheelDrive):
     def _halt(self) -> None:
         self._data.ctrl[self._motors] = 0.0
         for _ in range(math.ceil(_SETTLE_S / self._period_s)):
+            self._pass_time()
             mujoco.mj_step(self._model, self._data, nstep=_SUBSTEPS)
             self._odometer.update(self._base.wheel_angles_rad)
         self._reference, self._twist = self._base.pose, _STANDING
