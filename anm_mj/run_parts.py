@@ -212,4 +212,5 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         backend.renderer_string,
         robot.camera_kind,
         config.sensor.name,
+        config.people.number,
     )

@@ -47,6 +47,14 @@ class RunSummary:
     """Steps of the return to the start; None where the robot was not to go back, or did not come to it."""
     return_distance_m: float | None = None
     """Distance to the start at the end, as the robot believes it; None where it was not to go back [m]."""
+    people_nearest_m: float | None = None
+    """Smallest distance between the robot's body and a person's; None, as the next three, among nobody [m]."""
+    people_contacts: int | None = None
+    """Steps by which the robot ran into somebody."""
+    moved_precision_percent: float | None = None
+    """Share of the pixels taken for moved that show people, once somebody was in view for five frames [%]."""
+    moved_recall_percent: float | None = None
+    """Share of the pixels that show people which were taken for moved, likewise [%]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +94,10 @@ class Metrics:
     observed_mesh_completion_ratio_25mm: float | None = None
     observed_f_score: float | None = None
     observed_chamfer_cm: float | None = None
+    ghost_percent: float | None = None
+    """Share of the reconstructed mesh farther than 10 cm from the true surface [%]."""
+    lost_percent: float | None = None
+    """Share of the observed surface farther than 10 cm from the reconstructed mesh [%]."""
     novel_views: int | None = None
     """Novel views that the map was evaluated on. The next six are means over them."""
     novel_view_psnr_db: float | None = None
@@ -137,13 +149,17 @@ class Metrics:
     stage_hz: dict[str, float]
     """Rate of each stage of the loop, as if it were the only one [steps/s]."""
     stop_reason: str | None = None
-    """This and the next six: see :class:`RunSummary`."""
+    """This and the next ten: see :class:`RunSummary`."""
     wall_s: float | None = None
     hz: float | None = None
     evaluation_s: float | None = None
     peak_rss_mib: float | None = None
     return_steps: int | None = None
     return_distance_m: float | None = None
+    people_nearest_m: float | None = None
+    people_contacts: int | None = None
+    moved_precision_percent: float | None = None
+    moved_recall_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -221,6 +237,8 @@ def summarise(
         completion_ratio_before=before and before.ratio_percent,
         observable_ratio_before=before and before.observable_ratio_percent,
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
+        ghost_percent=whole and whole.ghost_percent,
+        lost_percent=observed and observed.lost_percent,
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
         **(trajectory or {}),

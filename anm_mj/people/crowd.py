@@ -197,11 +197,10 @@ class Crowd:
                 here = self.xy_m[one]
                 self._path[one] = here[None].copy() if near else self.floor.path(here, robot_xy_m)
             self._progress_s[one] = time_s
-        elif time_s < self._stand_until_s[one]:
+        elif time_s < self._stand_until_s[one] or (
+            self._wants_goal(one, x, y, time_s) and not self._next_goal(one, time_s)
+        ):
             return x, y, 0.0
-        elif math.dist((x, y), self._path[one][-1]) < _ARRIVED_M or time_s - self._progress_s[one] > _STUCK_S:
-            if not self._next_goal(one, time_s):
-                return x, y, 0.0
         path = self._path[one]
         if len(path) == 1:
             return float(path[0, 0]), float(path[0, 1]), 0.0 if follows else float(self._speed_mps[one])
@@ -212,12 +211,17 @@ class Crowd:
         ahead = min(round(_AHEAD_M / 0.1), len(path) - 1)
         return float(path[ahead, 0]), float(path[ahead, 1]), float(self._speed_mps[one])
 
+    def _wants_goal(self, one: int, x: float, y: float, time_s: float) -> bool:
+        """Whether a person has come to where it went, or gets nowhere."""
+        there = math.dist((x, y), self._path[one][-1]) < _ARRIVED_M
+        return there or bool(time_s - self._progress_s[one] > _STUCK_S)
+
     def _next_goal(self, one: int, time_s: float) -> bool:
         """Choose the next place and the time to stand before; whether the person walks already."""
         self._num_goals[one] += 1
         random = np.random.default_rng([self._seed, 84, one, int(self._num_goals[one])])
         places, here = self.floor.places_m, self.xy_m[one]
-        stuck = time_s - self._progress_s[one] > _STUCK_S
+        stuck = bool(time_s - self._progress_s[one] > _STUCK_S)
         for _ in range(_TRIES):
             goal = places[random.integers(len(places))]
             if math.dist(goal, here) >= _NEAREST_GOAL_M:

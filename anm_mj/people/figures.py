@@ -30,6 +30,8 @@ _SLICES, _STACKS = 12, 8
 """Facets of a round part: a software renderer spends its time on triangles."""
 _THIGH, _SHIN = 0.245, 0.285
 """Lengths as shares of the height; the shin ends at the sole."""
+_HEEL, _TOE = -0.035, 0.115
+"""Ends of the sole before the shin's axis, likewise."""
 _HIP_WIDTH, _SHOULDER, _SHOULDER_WIDTH = 0.05, 0.815, 0.125
 _HIP_RAD, _KNEE_RAD, _ARM_RAD = math.radians(28.0), math.radians(50.0), math.radians(30.0)
 """Largest swing of a fast walk."""
@@ -72,8 +74,8 @@ def _add_figure(spec: mujoco.MjSpec, name: str, height_m: float, random: np.rand
     for side in ("left", "right"):
         add(f"{side}_thigh", "capsule", trousers, [0.045 * h, 0, 0], fromto=[0, 0, 0, 0, 0, -_THIGH * h])
         add(f"{side}_shin", "capsule", trousers, [0.033 * h, 0, 0], fromto=[0, 0, 0, 0, 0, -(_SHIN - 0.05) * h])
-        foot = [0.075 * h, 0.027 * h, 0.02 * h]
-        add(f"{side}_shin", "box", _SHOE, foot, pos=[0.04 * h, 0, -(_SHIN - 0.02) * h])
+        foot = [(_TOE - _HEEL) / 2 * h, 0.027 * h, 0.02 * h]
+        add(f"{side}_shin", "box", _SHOE, foot, pos=[(_TOE + _HEEL) / 2 * h, 0, -(_SHIN - 0.02) * h])
         elbow = [0.02 * h, 0, -0.17 * h]
         add(f"{side}_arm", "capsule", sleeves, [0.03 * h, 0, 0], fromto=[0, 0, 0, *elbow])
         add(f"{side}_arm", "capsule", skin, [0.024 * h, 0, 0], fromto=[*elbow, 0.07 * h, 0, -0.33 * h])
@@ -117,8 +119,11 @@ def people_states(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
 def _gait(height_m: float, phase_rad: float, swing: float) -> list[_Pose]:
     """Poses of all parts; a positive angle swings a limb that hangs down to the back."""
     legs = [_leg(phase_rad, swing), _leg(phase_rad + math.pi, swing)]
-    drops = [_THIGH * math.cos(hip) + _SHIN * math.cos(hip + knee) for hip, knee in legs]
-    hip_z = max(drops) * height_m
+    hip_z = height_m * max(
+        _THIGH * math.cos(hip) + _SHIN * math.cos(hip + knee) + end * math.sin(hip + knee)
+        for hip, knee in legs
+        for end in (_HEEL, _TOE)
+    )
     down = hip_z - (_THIGH + _SHIN) * height_m
     poses = [_Pose((0.0, 0.0, down), 0.0)]
     sides = (_HIP_WIDTH * height_m, -_HIP_WIDTH * height_m)
@@ -128,9 +133,7 @@ def _gait(height_m: float, phase_rad: float, swing: float) -> list[_Pose]:
         poses.append(_Pose((-thigh_m * math.sin(hip), side, hip_z - thigh_m * math.cos(hip)), hip + knee))
     shoulder_z = _SHOULDER * height_m + down
     for sign, (hip, _) in zip((1.0, -1.0), legs, strict=True):
-        poses.append(
-            _Pose((0.0, sign * _SHOULDER_WIDTH * height_m, shoulder_z), -hip * _ARM_RAD / _HIP_RAD)
-        )
+        poses.append(_Pose((0.0, sign * _SHOULDER_WIDTH * height_m, shoulder_z), -hip * _ARM_RAD / _HIP_RAD))
     return poses
 
 

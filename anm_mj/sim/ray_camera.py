@@ -36,7 +36,8 @@ class _RayCamera(Camera):
 
 class EmbreeCamera(_RayCamera):
     """Casts rays with Embree, about as fast for a million triangles as for a thousand; sees static meshes and
-    people only."""
+    people only.
+    """
 
     kind = "embree"
 

@@ -111,3 +111,5 @@ class ActionResult:
     """Distance the base moved [m]."""
     fault: StopReason | None = None
     """Why the robot can drive no more, such as TOPPLED; None while it can."""
+    met_person: bool = False
+    """Whether the obstacle was a person."""

@@ -20,6 +20,8 @@ class PixelState(IntEnum):
     """Nothing was measured."""
     OUTLIER = 3
     """Something was measured that the pixels beside it contradict."""
+    MOVED = 4
+    """Something was measured that moves, or has just come."""
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ class KinematicDrive(WheelDrive):
         # The limits only set the simulated time.
         super().__init__(model, data, description, MotionLimits(), odometer, prefix, period_s=_LOOK_PERIOD_S)
         self._clearance = clearance
+        self._met_person = False
         self._model, self._prefix = model, prefix
         self._ahead: list[tuple[mujoco.MjData, SimulatedBase | PlanarBase]] = []
         """The base in other data, wherever it was asked for."""
@@ -66,7 +67,7 @@ class KinematicDrive(WheelDrive):
         forward_m, turn_rad = action_motion(action)
         duration_s = action_profile(action, self._limits).duration_s
         if not self._roll(forward_m, turn_rad, duration_s):
-            return ActionResult(action, collided=True, wheel_speeds=STILL, moved_m=0.0)
+            return ActionResult(action, True, STILL, 0.0, met_person=self._met_person)
         speeds = self._kinematics.wheel_speeds(forward_m / duration_s, turn_rad / duration_s)
         return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=abs(forward_m))
 
@@ -113,6 +114,7 @@ class KinematicDrive(WheelDrive):
     def _roll(self, forward_m: float, turn_rad: float, duration_s: float) -> bool:
         """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way."""
         self._data.time += duration_s
+        self._met_person = False
         free = not forward_m or not self._is_in_the_way(forward_m, turn_rad)
         if free:
             self._move(self._base, forward_m, turn_rad)
@@ -123,9 +125,9 @@ class KinematicDrive(WheelDrive):
     def _is_in_the_way(self, forward_m: float, turn_rad: float) -> bool:
         """Whether a motion from the present pose meets an obstacle or a person."""
         pose = self._base.pose
-        if self._crowd is not None and self._crowd.touches(pose.xy_m, move_pose(pose, forward_m, turn_rad).xy_m):
-            return True
-        return self._clearance.sweep_collides(pose, forward_m, turn_rad)
+        end_m = move_pose(pose, forward_m, turn_rad).xy_m
+        self._met_person = self._crowd is not None and self._crowd.touches(pose.xy_m, end_m)
+        return self._met_person or self._clearance.sweep_collides(pose, forward_m, turn_rad)
 
     def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:
         pose = base.pose
