@@ -197,9 +197,9 @@ class Crowd:
                 here = self.xy_m[one]
                 self._path[one] = here[None].copy() if near else self.floor.path(here, robot_xy_m)
             self._progress_s[one] = time_s
-        elif time_s < self._stand_until_s[one] or (
-            self._wants_goal(one, x, y, time_s) and not self._next_goal(one, time_s)
-        ):
+        elif time_s < self._stand_until_s[one]:
+            return x, y, 0.0
+        elif self._wants_goal(one, x, y, time_s) and not self._next_goal(one, time_s):  # noqa: SIM114
             return x, y, 0.0
         path = self._path[one]
         if len(path) == 1:
