@@ -59,7 +59,7 @@ def run(config: RunConfig, *, out: Path | None = None, observers: Sequence[Obser
         malloc_trim()
         recorder = RunRecorder(folder, surface, true_view(parts), config.record, before=before)
         with recorder, saying_how_to_go_on(folder):
-            metrics = run_loop(parts, folder, recorder, LoopState(), observers, begin)
+            metrics = run_loop(parts, folder, recorder, LoopState(config.planning.patience_steps), observers, begin)
     return folder, metrics
 
 

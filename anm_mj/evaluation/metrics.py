@@ -16,7 +16,7 @@ from anm_mj.types import Action
 
 NOVEL, FIXED = "novel_view", "fixed_view"
 """What the keys of ``metrics.json`` about novel and fixed views begin with."""
-COUNTS = ("steps", "forwards", "turns", "blocked", "full_rotations", "collisions")
+COUNTS = ("steps", "forwards", "turns", "blocked", "waits", "full_rotations", "collisions")
 """Keys of ``metrics.json`` that count steps."""
 _OF_THE_MESH = {
     "accuracy_cm": "accuracy_cm",
@@ -96,7 +96,7 @@ class Metrics:
     observed_chamfer_cm: float | None = None
     ghost_percent: float | None = None
     """Share of the reconstructed mesh farther than 10 cm from the true surface [%]."""
-    lost_percent: float | None = None
+    surface_lost_percent: float | None = None
     """Share of the observed surface farther than 10 cm from the reconstructed mesh [%]."""
     novel_views: int | None = None
     """Novel views that the map was evaluated on. The next six are means over them."""
@@ -142,6 +142,8 @@ class Metrics:
     """Steps that turned on the spot."""
     blocked: int
     """Forward steps that did not move."""
+    waits: int
+    """Steps that waited for something that moved."""
     full_rotations: int
     """Full turns on the spot without a move in between."""
     collisions: int
@@ -169,6 +171,7 @@ class EpisodeStatistics:
     forwards: int = 0
     turns: int = 0
     blocked: int = 0
+    waits: int = 0
     full_rotations: int = 0
     collisions: int = 0
     stage_ms: dict[str, float] = field(default_factory=dict)
@@ -179,7 +182,7 @@ class EpisodeStatistics:
     @property
     def steps(self) -> int:
         """Number of steps."""
-        return self.forwards + self.turns + self.blocked
+        return self.forwards + self.turns + self.blocked + self.waits
 
     def after(self, action: Action, collided: bool, moved_m: float, stage_ms: dict[str, float]) -> EpisodeStatistics:
         """The statistics with one more step."""
@@ -189,7 +192,8 @@ class EpisodeStatistics:
         return EpisodeStatistics(
             forwards=self.forwards + moved,
             turns=self.turns + abs(side),
-            blocked=self.blocked + (side == 0 and not moved),
+            blocked=self.blocked + (action is Action.MOVE_FORWARD and not moved),
+            waits=self.waits + (action is Action.WAIT),
             full_rotations=self.full_rotations + (side != 0 and in_a_row % NUM_HEADINGS == 0),
             collisions=self.collisions + collided,
             stage_ms={
@@ -238,7 +242,7 @@ def summarise(
         observable_ratio_before=before and before.observable_ratio_percent,
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
         ghost_percent=whole and whole.ghost_percent,
-        lost_percent=observed and observed.lost_percent,
+        surface_lost_percent=observed and observed.lost_percent,
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
         **(trajectory or {}),

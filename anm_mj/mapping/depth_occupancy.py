@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.depth_noise import NoiseMean
-from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
+from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt, raise_stayed
 from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
@@ -62,9 +63,11 @@ class DepthOccupancy:
 
     REBUILT = ("_kernels", "_rays")
 
-    def __init__(self, config: OccupancyConfig) -> None:
+    def __init__(self, config: OccupancyConfig, moving: MovingConfig | None = None) -> None:
         """An empty grid."""
         self.config = config
+        self._moving = moving or MovingConfig()
+        self.moved = MovedVoxels(self._moving)
         self._kernels = OccupancyKernels(config)
         shape = (0, 0, 0)
         self.voxels = VoxelArrays(
@@ -112,6 +115,7 @@ class DepthOccupancy:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
         range_m: float = math.inf,
+        moved_m: Float32[np.ndarray, "h w"] | None = None,
     ) -> None:
         """Fuse one depth image: carve what was looked through, then mark what was hit.
 
@@ -121,6 +125,7 @@ class DepthOccupancy:
             intrinsics: The camera.
             T_world_camera: Camera to world.
             range_m: The largest depth that the sensor measures [m].
+            moved_m: Depth of the pixels that show something moved [m], NaN elsewhere; ``depth_m`` has none there.
 
         Raises:
             MapError: The grid would have more than ``MAX_VOXELS``.
@@ -137,6 +142,11 @@ class DepthOccupancy:
             low = np.minimum(low, [axis.min() for axis in voxels.T])
             high = np.maximum(high, [axis.max() for axis in voxels.T])
         self._grow(low, high)
+        heavy = self.moved.heavy(self.voxels, self._num_frames)
+        if moved_m is not None:
+            self._take_moved(view._replace(depth_m=moved_m), phase, stride)
+            depth_m = np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
+            view = view._replace(depth_m=depth_m)
         # What looked too far frees the space that the grid has, but the grid does not grow into the sky.
         low, high = box
         if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
@@ -144,8 +154,36 @@ class DepthOccupancy:
             low, high = self._view_box(view, self.config.carve_range_m)
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
-        self._kernels.carve(self.voxels, view, low, high, self._num_frames)
+        self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
+
+    def _take_moved(self, view: CameraView, phase: tuple[int, int], stride: int) -> None:
+        """Note where something moves; what stays there becomes surface."""
+        voxels, _ = self._kernels.hits(view, phase, stride)
+        self.moved.note(voxels, self._num_frames)
+        raise_stayed(self.voxels, voxels, self.config, self._num_frames)
+
+    def hold_moved(self) -> None:
+        """See :class:`anm_mj.protocols.FindsMoved`."""
+        self.moved.hold(self.voxels, self._num_frames)
+
+    def release_moved(self) -> bool:
+        """See :class:`anm_mj.protocols.FindsMoved`."""
+        return self.moved.release(self.voxels, self._num_frames)
+
+    def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
+        """The pixels of a frame that show something that was not there before; None for none."""
+        if not self.voxels.state.size:
+            return None
+        view = self._view(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        doubt = depth_doubt(
+            self.noise.value,
+            observation.position_deviation_m,
+            observation.heading_deviation_rad,
+            self.config.carve_range_m,
+        )
+        moved = self._kernels.moved(self.voxels, view, doubt, self._moving.free_looks)
+        return moved if moved.any() else None
 
     def rebuild(self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]]) -> None:
         """Forget all voxels and fuse these depth images, cameras and poses: what was carved cannot be moved.

@@ -197,9 +197,7 @@ class Crowd:
                 here = self.xy_m[one]
                 self._path[one] = here[None].copy() if near else self.floor.path(here, robot_xy_m)
             self._progress_s[one] = time_s
-        elif time_s < self._stand_until_s[one]:
-            return x, y, 0.0
-        elif self._wants_goal(one, x, y, time_s) and not self._next_goal(one, time_s):  # noqa: SIM114
+        elif self._stands(one, x, y, time_s):
             return x, y, 0.0
         path = self._path[one]
         if len(path) == 1:
@@ -211,10 +209,13 @@ class Crowd:
         ahead = min(round(_AHEAD_M / 0.1), len(path) - 1)
         return float(path[ahead, 0]), float(path[ahead, 1]), float(self._speed_mps[one])
 
-    def _wants_goal(self, one: int, x: float, y: float, time_s: float) -> bool:
-        """Whether a person has come to where it went, or gets nowhere."""
+    def _stands(self, one: int, x: float, y: float, time_s: float) -> bool:
+        """Whether a person stands; one who has come to where it went, or gets nowhere, is given another place."""
+        if time_s < self._stand_until_s[one]:
+            return True
         there = math.dist((x, y), self._path[one][-1]) < _ARRIVED_M
-        return there or bool(time_s - self._progress_s[one] > _STUCK_S)
+        wants = there or bool(time_s - self._progress_s[one] > _STUCK_S)
+        return wants and not self._next_goal(one, time_s)
 
     def _next_goal(self, one: int, time_s: float) -> bool:
         """Choose the next place and the time to stand before; whether the person walks already."""

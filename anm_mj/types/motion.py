@@ -17,12 +17,13 @@ NEAR_TARGET_M = 2 * ARRIVED_M
 
 
 class Action(IntEnum):
-    """One discrete action; every one but STOP costs one step of the budget."""
+    """One discrete action; every one but STOP costs one step of the budget. WAIT lasts as long as a turn."""
 
     STOP = 0
     MOVE_FORWARD = 1
     TURN_LEFT = 2
     TURN_RIGHT = 3
+    WAIT = 4
 
 
 class StopReason(StrEnum):

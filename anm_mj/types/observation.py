@@ -99,6 +99,8 @@ class Observation:
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
     pixel_state: UInt8[np.ndarray, "h w"] | None = None
     """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
+    moved_m: Float32[np.ndarray, "h w"] | None = None
+    """Planar depth of the pixels that moved [m], NaN elsewhere; ``depth_m`` has none there. None where none moved."""
     position_deviation_m: float = 0.0
     """Largest standard deviation of the position along any direction [m]; 0 where nobody estimates it."""
     heading_deviation_rad: float = 0.0
