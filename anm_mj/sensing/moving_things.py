@@ -22,8 +22,6 @@ _LOW_M, _HIGH_M = 0.1, 2.2
 _LEAST_POINTS = 12
 _SMALLEST_M, _LARGEST_M = 0.2, 0.5
 """Radius of a thing: what is seen of it, within these [m]."""
-_NEWEST = 0.5
-"""Weight of the newest velocity in the running mean."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +60,9 @@ class MovingThings:
                 known.remove(before)
                 passed_s = max(now_s - before.seen_s, 1e-3)
                 found = (x_m - before.x_m) / passed_s, (y_m - before.y_m) / passed_s
-                mixed = [
-                    _NEWEST * new + (1.0 - _NEWEST) * old for new, old in zip(found, before.velocity_mps, strict=True)
-                ]
-                share = min(1.0, FASTEST_MPS / max(math.hypot(*mixed), 1e-9))
-                velocity = mixed[0] * share, mixed[1] * share
+                vx, vy = (0.5 * (new + old) for new, old in zip(found, before.velocity_mps, strict=True))
+                share = min(1.0, FASTEST_MPS / max(math.hypot(vx, vy), 1e-9))
+                velocity = vx * share, vy * share
             self.things.append(MovingThing(x_m, y_m, velocity, radius_m, now_s))
         self.things += known
 
