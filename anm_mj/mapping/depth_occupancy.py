@@ -161,7 +161,7 @@ class DepthOccupancy:
         """Note where something moves; what stays there becomes surface."""
         voxels, _ = self._kernels.hits(view, phase, stride)
         self.moved.note(voxels, self._num_frames)
-        raise_stayed(self.voxels, voxels, self.config, self._num_frames)
+        raise_stayed(self.voxels, voxels, self._moving.stay, self.config, self._num_frames)
 
     def hold_moved(self) -> None:
         """See :class:`anm_mj.protocols.FindsMoved`."""

@@ -188,6 +188,8 @@ class MovingConfig(Settings, group="mapping.moving", error=MapError):
     """Whether pixels that moved are looked for, and left out; ``--people`` asks for it unless this says otherwise."""
     free_looks: int = setting(4, at_least=1, at_most=30)
     """A voxel is surely free after so many frames more looked through it than hit it."""
+    stay: int = setting(1, at_least=1, at_most=127)
+    """Added to a voxel's log-odds for a frame with something moved in it (in tenths): what stays becomes surface."""
     memory_frames: int = setting(60, at_least=0)
     """So many frames after something moved, looking through voxels near there counts as much as a hit."""
 

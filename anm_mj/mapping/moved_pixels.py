@@ -5,8 +5,8 @@ together with it in the image, unless the grid knows surface there (free space a
 RA-L 2023; growth in the image: Palazzolo et al., ReFusion, IROS 2019). No detector has to know what it is.
 
 A pixel counts as moved only if all space that its depth may be too short by is free, too: by the noise learnt from the
-images and by how unsure the pose is. Moved pixels mark no surface. They raise the log-odds of their voxels as slowly as
-looking through lowers them, so that what stays becomes surface after as many frames as the place was seen free. Where
+images and by how unsure the pose is. Moved pixels mark no surface. They raise the log-odds of their voxels more slowly
+than looking through lowers them, so that what stays becomes surface after a while. Where
 something moves, looking through voxels counts as much as a hit: what was marked before it was known to move is freed.
 """
 
@@ -98,10 +98,12 @@ def depth_doubt(noise_per_m: float, position_m: float, heading_rad: float, range
     return NOISE_REACH * noise, NOISE_REACH * math.hypot(position_m, heading_rad * range_m)
 
 
-def raise_stayed(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], occupancy: OccupancyConfig, frame: int) -> None:
+def raise_stayed(
+    voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], stay: int, occupancy: OccupancyConfig, frame: int
+) -> None:
     """Raise the log-odds of voxels, given by x, y and z index, in which something has come and maybe stays."""
     _, cells = voxels.cells_of(np.unique(places, axis=0))
-    raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + occupancy.miss, occupancy.limit).astype(np.int8)
+    raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + stay, occupancy.limit).astype(np.int8)
     # What nobody has looked through holds no evidence to be outweighed.
     known = voxels.log_odds[cells] < 0
     cells = tuple(axis[known] for axis in cells)
