@@ -78,7 +78,7 @@ def explore(
         with state.total.stage("observe"):
             first = state.monitor.check(robot.observe())
         first, estimate = localise(first, localiser, state, state.total)
-        first, estimate = find_moved(first, estimate, mapper, state, state.total)
+        first, estimate = find_moved(first, estimate, mapper)
         update = learn(first, estimate, localiser, mapper, policy, state.total)
         state.map_failed, state.observation = update is None, first
         interrupted = tell(Observed(first, update or UNTRAINED, estimate))
@@ -138,7 +138,9 @@ def explore(
             state.step = step
             return end(StopReason.SENSOR_FAULT)
         seen, estimate = localise(seen, localiser, state, watch)
-        seen, estimate = find_moved(seen, estimate, mapper, state, watch)
+        with watch.stage("map"):
+            seen, estimate = find_moved(seen, estimate, mapper)
+        state.things.update(seen)
         update = learn(seen, estimate, localiser, mapper, policy, watch)
         state.total.add(watch)
         state.step, state.plan, state.observation, state.map_failed = step, plan, seen, update is None

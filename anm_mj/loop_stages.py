@@ -50,14 +50,12 @@ def localise(
 
 
 def find_moved(
-    observation: Observation, estimate: PoseEstimate | None, mapper: Mapper, state: LoopState, watch: Stopwatch
+    observation: Observation, estimate: PoseEstimate | None, mapper: Mapper
 ) -> tuple[Observation, PoseEstimate | None]:
     """The frame, and its estimate, with moved pixels told apart, where the map knows them and the pose is good."""
     if not isinstance(mapper, FindsMoved) or (estimate is not None and not estimate.usable):
         return observation, estimate
-    with watch.stage("map"):
-        seen = mapper.find_moved(observation)
-        state.things.update(seen)
+    seen = mapper.find_moved(observation)
     return seen, None if estimate is None else replace(estimate, observation=seen)
 
 

@@ -122,7 +122,8 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        self._points = points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+        told = observation if lost else self._without_moved(observation, prior)
+        self._points = points = draw_points(told, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
@@ -263,6 +264,13 @@ class FieldLocaliser:
             self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion
         )
 
+    def _without_moved(self, observation: Observation, prior: Prior) -> Observation:
+        """The frame without the pixels that moved, as far as the map can tell from where the camera may be."""
+        covariance = self._basis @ prior.covariance @ self._basis.T
+        position_m, rotation_rad = _deviations(covariance)
+        believed = replace(observation, T_world_camera=prior.T_world_camera, position_deviation_m=position_m)
+        return self._map.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
+
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
 
@@ -281,10 +289,9 @@ class FieldLocaliser:
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
 
     def _is_sure(self) -> bool:
-        covariance = self._basis @ self._covariance @ self._basis.T
-        position, rotation = (float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(3), slice(3, 6)))
+        position_m, rotation_rad = _deviations(self._basis @ self._covariance @ self._basis.T)
         tracking = self.config.tracking
-        return math.sqrt(position) <= tracking.most_deviation_m and math.sqrt(rotation) <= tracking.most_deviation_rad
+        return position_m <= tracking.most_deviation_m and rotation_rad <= tracking.most_deviation_rad
 
     def _estimate(
         self,
@@ -316,3 +323,9 @@ class FieldLocaliser:
         assert self._T_camera_base is not None
         base = T_world_camera @ self._T_camera_base
         return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))
+
+
+def _deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
+    """Largest standard deviations of position [m] and rotation [rad]."""
+    position, rotation = (float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(3), slice(3, 6)))
+    return math.sqrt(position), math.sqrt(rotation)
