@@ -130,10 +130,11 @@ def film_frames(
         trajectory, is_lost = timeline.xy_m[: index + 1], timeline.is_lost[: index + 1]
         true = None if timeline.true_xy_m is None else timeline.true_xy_m[: index + 1]
         ellipse = timeline.ellipse_m(index)
+        people = np.array(frame.people)[:, :2] if frame.people else None
         panels = (
             colour_panel(rgb, frame, run.intrinsics, target),
             depth_panel(run.depth_mm(frame), far_m, run.intrinsics),
-            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse),
+            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse, people),
             surface.draw(index, trajectory, is_lost) if surface else _no_surface(),
         )
         yield np.asarray(_composed(background, panels, timeline.title, _status(timeline, index), reason))
