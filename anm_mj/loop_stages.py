@@ -12,7 +12,7 @@ from anm_mj.errors import MapError
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
-from anm_mj.planning.give_way import must_wait
+from anm_mj.planning.give_way import in_the_way
 from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
@@ -21,6 +21,8 @@ _logger = logging.getLogger(__name__)
 
 PATIENT_TURNS = 3
 """After so many turns in place of a forward move, the policy looks for another way."""
+HURRY = 5
+"""What stands in the way is waited for by this part of the patience: it may stand for long."""
 UNTRAINED = MapUpdate(math.nan, 0, 0)
 """Of a frame that the map has not learnt from."""
 
@@ -109,17 +111,20 @@ def is_blocked(
 def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> Action:
     """The action, or a wait in place of a forward step towards something that moves.
 
-    When patience is at an end, what moves becomes an obstacle of the map for now, and the plan ends.
+    When patience is at an end, what moves becomes an obstacle of the map for now, and the plan ends. For what stands,
+    a fraction of it will do.
     """
     seen = state.observation
     assert seen is not None
     if action is not Action.MOVE_FORWARD:
         return action
-    if not must_wait(state.things.things, robot.footprint, seen.pose, seen.time_s):
+    thing = in_the_way(state.things.things, robot.footprint, seen.pose, seen.time_s)
+    if thing is None:
         state.waited = 0
         return action
     state.waited += 1
-    if state.waited % state.patience_steps == 0 and isinstance(mapper, FindsMoved):
+    patience = max(1, state.patience_steps // HURRY) if thing.stands else state.patience_steps
+    if state.waited % patience == 0 and isinstance(mapper, FindsMoved):
         mapper.hold_moved()
         state.follower.drop()
     return Action.WAIT

@@ -1,5 +1,6 @@
 """What a policy hears of."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -27,7 +28,7 @@ def test_a_policy_hears_of_what_enters_the_map(usable):
     assert policy.observe.called == localiser.integrate.called == usable
 
 
-AHEAD = MovingThing(0.6, 0.0, (0.0, 0.0), 0.25, 0.0)
+AHEAD = MovingThing(0.6, 0.0, (-0.3, 0.0), 0.25, 0.0)
 
 
 def state_before(*things: MovingThing) -> LoopState:
@@ -51,6 +52,13 @@ def test_a_robot_waits_patiently_and_then_takes_what_moves_for_an_obstacle():
     state.things.things = []
     assert give_way(Action.MOVE_FORWARD, robot, mapper, state) is Action.MOVE_FORWARD
     assert state.waited == 0
+
+
+def test_what_stands_in_the_way_is_not_waited_for_long():
+    robot, mapper = Mock(footprint=Footprint(0.18, 0.05, 1.35)), Mock()
+    give_way(Action.MOVE_FORWARD, robot, mapper, state_before(replace(AHEAD, velocity_mps=(0.0, 0.0))))
+
+    assert mapper.hold_moved.called
 
 
 def test_a_robot_turns_whoever_is_near():

@@ -14,7 +14,7 @@ from anm_mj.types import Observation
 
 REMEMBERED_S = 2.0
 """A thing that is seen no more is expected about for so long [s]."""
-FASTEST_MPS = 2.0
+FASTEST_MPS, STANDING_MPS = 2.0, 0.2
 _CELL_M = 0.15
 """Points in neighbouring cells of this edge belong to one thing [m]."""
 _LOW_M, _HIGH_M = 0.1, 2.2
@@ -35,6 +35,11 @@ class MovingThing:
     radius_m: float
     seen_s: float
     """When it was seen last [s]."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether it moves no more, or sways only."""
+        return math.hypot(*self.velocity_mps) < STANDING_MPS
 
     def after(self, time_s: float) -> tuple[float, float]:
         """Where it is expected at a time [m]: it goes on for a second at most."""

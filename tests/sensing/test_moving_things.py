@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.planning.give_way import must_wait
+from anm_mj.planning.give_way import in_the_way
 from anm_mj.sensing.moving_things import MovingThing, MovingThings
 from anm_mj.sensing.pixel_state import without_moved
 from anm_mj.types import Footprint, Pose2
@@ -52,7 +52,10 @@ def test_two_things_stay_apart_and_are_forgotten_after_a_while():
 @pytest.mark.parametrize(
     ("x_m", "y_m", "velocity", "waits"),
     [
-        (0.7, 0.0, (0.0, 0.0), True),  # stands ahead, near
+        (0.6, 0.0, (0.0, 0.0), True),  # stands ahead, near
+        (0.7, 0.0, (0.0, 0.0), False),  # stands ahead, less near
+        (0.5, 0.3, (0.0, 0.0), True),  # leaves too little room
+        (0.6, 0.55, (0.0, 0.0), False),  # leaves room to pass
         (1.5, 0.0, (0.0, 0.0), False),  # stands ahead, far
         (1.5, 0.0, (-1.0, 0.0), True),  # comes
         (0.7, 1.0, (0.0, -1.0), True),  # steps into the way
@@ -64,7 +67,7 @@ def test_two_things_stay_apart_and_are_forgotten_after_a_while():
 def test_the_robot_waits_for_what_is_or_comes_in_its_way(x_m, y_m, velocity, waits):
     thing = MovingThing(x_m, y_m, velocity, 0.25, 0.0)
 
-    assert must_wait([thing], BODY, Pose2(0.0, 0.0, 0.0), 0.0) is waits
+    assert (in_the_way([thing], BODY, Pose2(0.0, 0.0, 0.0), 0.0) is thing) is waits
     # The same turned by a quarter.
     turned = MovingThing(-y_m, x_m, (-velocity[1], velocity[0]), 0.25, 0.0)
-    assert must_wait([turned], BODY, Pose2(0.0, 0.0, math.pi / 2), 0.0) is waits
+    assert (in_the_way([turned], BODY, Pose2(0.0, 0.0, math.pi / 2), 0.0) is turned) is waits
