@@ -45,7 +45,7 @@ LEGEND = (
 )
 
 
-TRUTH = ("true", palette.TRUE)
+TRUTH, PEOPLE = ("true", palette.TRUE), ("person", palette.PERSON)
 
 
 class FilmError(AnmError):
@@ -116,7 +116,8 @@ def film_frames(
     surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
     map_panel = MapPanel(*_bounds(timeline, mesh))
     far_m = _far_m(timeline)
-    background = _background((*LEGEND, TRUTH) if timeline.true_xy_m is not None else LEGEND)
+    truth = (TRUTH,) if timeline.true_xy_m is not None else ()
+    background = _background((*LEGEND, *truth, *((PEOPLE,) if run.frames[0].people else ())))
     shown, plan, reason = -1, PlanRecord(EMPTY_PATH), ""
     for index, (frame, rgb) in enumerate(zip(run.frames, pictures(run, scene), strict=True)):
         on_progress(index + 1, total)

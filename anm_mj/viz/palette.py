@@ -31,8 +31,9 @@ LEGEND = (
 TRUTH_LEGEND = (
     ("truth", "true trajectory", TRUE),
     ("covariance", "2 sigma of the position", PATH),
+    ("people", "people", PERSON),
 )
-"""What a replay adds for a robot that may be wrong about where it is."""
+"""What a replay adds for a robot that may be wrong about where it is, and among people."""
 
 
 def number(colour: str) -> int:
