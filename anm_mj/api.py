@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import html
 import importlib
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -19,9 +21,12 @@ from anm_mj.errors import AnmError, MapError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_title import titled
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from anm_mj.events import Observer, Stepped
     from anm_mj.mapping.neural_map import NeuralMap
 
@@ -35,6 +40,9 @@ class Exploration:
     metrics: dict[str, Any]
     """The fields of ``metrics.json``."""
 
+    def __repr__(self) -> str:
+        return "\n".join([*_described(RunFolder(self.folder), self.metrics), "more      .metrics, load_run(.folder)"])
+
 
 @dataclass(frozen=True)
 class LoadedRun:
@@ -44,6 +52,31 @@ class LoadedRun:
     """The records of the folder, one by one."""
     metrics: dict[str, Any]
     """The fields of ``metrics.json``; empty for a run that was killed before its end."""
+
+    def __repr__(self) -> str:
+        arrays = "more      .steps, .poses, .curve, .depth_m(step), .plans, .metrics, .config, .plot()"
+        return "\n".join([*_described(self.content.folder, self.metrics), arrays])
+
+    def _repr_html_(self) -> str:
+        """The same with the top-down map, for notebooks."""
+        picture, text = self.content.folder.topdown_picture, f"<pre>{html.escape(repr(self))}</pre>"
+        if not picture.is_file():
+            return text
+        data = base64.b64encode(picture.read_bytes()).decode()
+        return f'{text}<img alt="top-down map" style="max-width: 640px" src="data:image/png;base64,{data}">'
+
+    def plot(self, what: Literal["topdown", "curve"] = "topdown") -> Figure:
+        """A figure that notebooks show; ``savefig`` writes it.
+
+        Args:
+            what: the top-down map with graph and trajectory, or completion against steps.
+
+        Raises:
+            RunFolderError: the run has none.
+        """
+        from anm_mj.export.figures import curve_of, topdown_of
+
+        return (curve_of if what == "curve" else topdown_of)(self.content)
 
     @property
     def config(self) -> dict[str, Any]:
@@ -124,6 +157,20 @@ class LoadedRun:
         except ImportError as err:
             raise AnmError("A data frame needs pandas; pip install pandas, or use the arrays in steps.") from err
         return pandas.DataFrame(self.steps)
+
+
+def _described(folder: RunFolder, metrics: dict[str, Any]) -> list[str]:
+    """What a run is, where it lies, what it came to, and how good its mesh is: a line each."""
+    mesh = {"accuracy {:.2f} cm": "accuracy_cm", "F-score {:.1f} %": "observed_f_score"}
+    known = [form.format(metrics[key]) for form, key in mesh.items() if metrics.get(key) is not None]
+    run, *came_to = titled(folder, metrics).split("\n")
+    ended = metrics.get("stop_reason") or "not ended"
+    return [
+        f"run       {run}",
+        f"folder    {folder.path}",
+        f"came to   {', '.join([*came_to, str(ended)])}",
+        f"mesh      {', '.join(known) or 'not compared with the truth'}",
+    ]
 
 
 def explore_scene(

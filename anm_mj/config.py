@@ -13,7 +13,7 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
@@ -117,21 +117,27 @@ class RunConfig(SimulationConfig):
             raise ConfigError(f"--steps is {_short(str(self.steps))}; give {MOST_STEPS} steps at most.")
 
 
-def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **options: Any) -> RunConfig:
+Kind = TypeVar("Kind", bound=RunConfig)
+
+
+def make_config(
+    preset: str, settings: list[str], *, sensor: str = "exact", kind: type[Kind] = RunConfig, **options: Any
+) -> Kind:
     """The configuration of a preset with options and single settings laid over it.
 
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
         sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`.
-        **options: fields of ``RunConfig``.
+        kind: the class of the configuration.
+        **options: its fields.
 
     Raises:
         ConfigError: there is no such preset or setting, or a setting cannot have its value.
         PlanError: there is no such policy, or a planning setting is out of range.
         RobotError: there is no such sensor, or a sensor or robot setting is out of range.
     """
-    config = _default_config(preset, sensor=sensor_config(sensor), **options)
+    config = _default_config(kind, preset, sensor=sensor_config(sensor), **options)
     values = {}
     for text in settings:
         name, equals, value = text.partition("=")
@@ -157,11 +163,12 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
     return _with(config, values)
 
 
-def read_config(values: Mapping[str, Any]) -> RunConfig:
+def read_config(values: Mapping[str, Any], kind: type[Kind] = RunConfig) -> Kind:
     """The configuration that a run's ``config.json`` holds; settings that this version does not know are logged.
 
     Args:
         values: the file's content.
+        kind: the class of the configuration.
 
     Raises:
         ConfigError: a value is not allowed.
@@ -174,7 +181,7 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
         for name in ("scene", *OPTIONS, "image_px")
         if name in values
     }
-    config = _default_config(options.pop("preset", DEFAULT_PRESET), **options)
+    config = _default_config(kind, options.pop("preset", DEFAULT_PRESET), **options)
     known = {}
     for name, value in leaves(values):
         keys = _keys(config, name)
@@ -194,7 +201,7 @@ def _of_type(owner: type, field: str, value: Any, name: str) -> Any:
         raise ConfigError(f"config.json cannot be used: {name}: {err}; copy the run again.") from err
 
 
-def _default_config(preset: str, **options: Any) -> RunConfig:
+def _default_config(kind: type[Kind], preset: str, **options: Any) -> Kind:
     """The configuration of a preset, with what the policy needs."""
     require_choice("preset", preset, PRESETS)
     policy = options.get("policy", DEFAULT_POLICY)
@@ -208,7 +215,7 @@ def _default_config(preset: str, **options: Any) -> RunConfig:
     mapping = MAPPING_PRESETS[preset]()
     if entry.uncertainty_preset is not None:
         mapping = replace(mapping, uncertainty=MAPPING_PRESETS[entry.uncertainty_preset]().uncertainty)
-    return RunConfig(preset=preset, mapping=mapping, **options)
+    return kind(preset=preset, mapping=mapping, **options)
 
 
 def leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

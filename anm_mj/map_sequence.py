@@ -15,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from anm_mj.checkpoint.going_on import lay_over, of_stored_state, say_other_engine
+from anm_mj.checkpoint.known_classes import KnownClasses
+from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.reference_trajectory import reference_error
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
-from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
@@ -33,9 +35,10 @@ from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.loop_stages import find_moved, integrate
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.mapping_state import MappingState, facts_of, open_logs, stored_mapping
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.registry import make_policy
+from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
@@ -64,6 +67,7 @@ def map_sequence(
     verdict: Verdict | None = None,
     corrections: tuple[str, ...] = (),
     observers: Collection[Observer] = (),
+    resume: Path | None = None,
 ) -> RunFolder:
     """Map a sequence and write a run folder, without actions and without ground truth.
 
@@ -80,38 +84,70 @@ def map_sequence(
         observers: Hear of the start (:class:`~anm_mj.io.run_events.Started`, with the number of frames for a budget),
             of every frame (:class:`~anm_mj.events.Observed`, :class:`~anm_mj.io.run_events.Mapped`) and decision
             (:class:`~anm_mj.events.Decided`); any of them may end the run with what there is.
+        resume: The folder of a run of the same sequence and settings that was killed, interrupted or ended in an
+            error, to go on with.
 
     Raises:
         AnmError: Too many images or the policy cannot be used, or the folder cannot be written. As with any other
             error, the folder holds the map up to there.
+        CheckpointError: The run cannot be resumed.
     """
     begin = time.perf_counter()
     neural_map = make_mapper(config)
     tracker = make_tracker(config, neural_map, has_poses=sequence.has_poses) if config.pose == "slam" else None
     policy = _shadow_policy(config, footprint) if shadow else None
     name = config.policy if shadow else RECORDED
-    folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
-    write_json(folder.manifest, manifest(replace(_facts(config, neural_map, name), corrections=corrections), sys.argv))
-    write_json(folder.config, config)
-    log = RunLog(folder, config.record)
-    cameras = LineWriter(folder.camera_trajectory, None) if tracker is not None else None
-    records: list[FrameRecord] = []
-    fits: list[FrameFit] = []
-    watch = Stopwatch()
-    last: Observation | None = None
+    stored = None
+    if resume is None:
+        folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
+        said = replace(_facts(config, neural_map, name), corrections=corrections)
+        write_json(folder.manifest, manifest(said, sys.argv))
+        write_json(folder.config, config)
+    else:
+        folder, stored = stored_mapping(resume, sequence, config)
+        say_other_engine(stored, neural_map.backend.name)
+        begin -= float(stored.facts["wall_s"])
+    log, cameras = open_logs(folder, config, stored, tracks=tracker is not None)
+    state = MappingState()
+    roots = {"mapper": neural_map, "log": log, "state": state, "tracker": tracker, "policy": policy}
+    roots = {name: each for name, each in roots.items() if each is not None}
+    known = KnownClasses(policy_class(config.policy).__module__)
+    if stored is not None:
+        with of_stored_state(stored):
+            lay_over(stored, roots, known)
+        folder.metrics.unlink(missing_ok=True)
+    records, fits, watch = state.records, state.fits, state.watch
+
+    def facts_and_files() -> tuple[dict[str, Any], list[Path]]:
+        said = facts_of(sequence, config, neural_map.backend.name, [*log.files, *cameras], time.perf_counter() - begin)
+        since = checkpointer.last_step or 0
+        new = [folder.depth(record.step) for record in records if record.step >= since]
+        return said, [*(file.path for file in (*log.files, *cameras)), *new]
+
+    checkpointer = Checkpointer(
+        CheckpointStore(folder.checkpoints),
+        config.checkpoint,
+        lambda: roots,
+        facts_and_files,
+        known,
+        resumed_at=None if stored is None else stored.step,
+    )
 
     def tell(event: object) -> bool:
         return any([observer.on_event(event) for observer in observers])
 
     failure: Exception | None = None
+    # Between two frames, state and map belong together.
+    between = True
     interrupted = tell(Started(folder.path, len(sequence), lambda: None))
     try:
-        frames = sequence.observations()
+        frames = sequence.observations(start=state.next_frame)
         while not interrupted:
             with watch.stage("read"):
                 observation = next(frames, None)
             if observation is None:
                 break
+            between = False
             estimate = None
             if tracker is not None:
                 with watch.stage("localise"):
@@ -123,13 +159,13 @@ def map_sequence(
                 fits.append(frame_fit(observation, neural_map))
             with watch.stage("map"):
                 update = integrate(observation, estimate, tracker, neural_map)
-            last = observation
+            state.last = observation
             log.observation(observation, estimate=estimate, fit=as_line(fits[-1]))
             records.append(_record(observation, estimate))
             is_lost = records[-1].is_lost
             # A trajectory in this format is of the poses that are known.
-            if cameras is not None and not is_lost:
-                cameras.line(camera_line(observation.time_s, observation.T_world_camera))
+            for file in cameras if not is_lost else ():
+                file.line(camera_line(observation.time_s, observation.T_world_camera))
             plan = None
             if policy is not None and not is_lost:
                 policy.observe(observation)
@@ -138,21 +174,29 @@ def map_sequence(
                 interrupted |= tell(Decided(observation.step, plan))
             interrupted |= tell(Observed(observation, update, estimate))
             interrupted |= tell(Mapped(observation, neural_map, plan))
+            between = True
+            checkpointer.after_step(state.next_frame, time.perf_counter() - begin)
     except Exception as err:
         # What was mapped before is worth more than nothing.
         failure = err
-    finally:
-        log.close()
-        if cameras is not None:
-            cameras.close()
+    last = state.last
+    ended = failure is None and not interrupted
     try:
+        try:
+            if not ended and last is not None and (between or checkpointer.last_step is not None):
+                step = state.next_frame if between else checkpointer.last_step or 0
+                checkpointer.finish(step, resumable=True)
+        finally:
+            log.close()
+            for file in cameras:
+                file.close()
         if last is not None:
-            if config.goal != "coverage" and not interrupted and failure is None:
+            if config.goal != "coverage" and ended:
                 with watch.stage("finish"):
                     neural_map.finish()
             _finish(folder, config, neural_map, footprint, log, last)
         # Frames after an interruption by the user are not missed.
-        reached = last.step + 1 if interrupted and last is not None else len(sequence)
+        reached = state.next_frame if interrupted else len(sequence)
         metrics: dict[str, Any] = {
             "frames": len(records),
             "left_out_frames": reached - len(records) + sum(each.frames for each in sequence.left_out),
@@ -163,9 +207,13 @@ def map_sequence(
         if tracker is not None and records:
             metrics |= _tracking_metrics(records, reference, watch)
         write_json(folder.metrics, metrics)
+        if ended:
+            checkpointer.finish(state.next_frame, resumable=False)
     except Exception:
         if failure is None:
             raise
+    if not ended and any(folder.checkpoints.glob("*.checkpoint")):
+        _logger.warning("The same command with --resume %s in place of --out goes on with it.", folder.path)
     if failure is not None:
         if folder.map.is_file():
             _logger.warning("Mapping ended after %d frames; %s holds the map up to there.", len(records), folder.path)
@@ -225,7 +273,8 @@ def _finish(
     folder: RunFolder, config: RunConfig, neural_map: NeuralMap, footprint: Footprint, log: RunLog, last: Observation
 ) -> None:
     """Map, mesh, top-down map and its picture."""
-    from anm_mj.viz.plots import draw_topdown
+    from anm_mj.viz.figure_file import save_figure
+    from anm_mj.viz.plots import topdown_figure
 
     with writing(folder.map), atomic_write(folder.map) as partial:
         neural_map.save(partial)
@@ -236,8 +285,7 @@ def _finish(
     state = stages.read(neural_map, last)
     write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), state.topdown, state.graph, state.regions))
     with writing(folder.topdown_picture):
-        draw_topdown(
-            folder.topdown_picture,
+        figure = topdown_figure(
             state.topdown,
             state.graph,
             state.regions,
@@ -245,6 +293,7 @@ def _finish(
             target_xy_m=log.last_target_xy_m,
             title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
         )
+        save_figure(figure, folder.topdown_picture)
 
 
 def _shadow_policy(config: RunConfig, footprint: Footprint) -> Policy:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,10 +18,10 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.checkpoint_file import StoredState
-from anm_mj.checkpoint.decode import restore
+from anm_mj.checkpoint.going_on import first_difference, lay_over, of_stored_state, say_other_engine
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves, read_config
-from anm_mj.errors import AnmError, CheckpointError
+from anm_mj.errors import CheckpointError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Observer
 from anm_mj.io.jsonl import LineWriter, read_jsonl
@@ -29,11 +29,10 @@ from anm_mj.io.read_run import read_json
 from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.io.to_json import to_json
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.planning.policies.registry import policies
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.run import checkpoint_roots, run_loop, saying_how_to_go_on
-from anm_mj.run_parts import Parts, make_parts, true_view
+from anm_mj.run_parts import Parts, make_parts
 from anm_mj.types import StopReason
 from anm_mj.utils.read_file import convert
 
@@ -55,7 +54,14 @@ class _Facts(Struct):
 
 
 def resume(
-    path: Path, *, policy: str | None = None, device: str | None = None, observers: Sequence[Observer] = ()
+    path: Path,
+    *,
+    policy: str | None = None,
+    device: str | None = None,
+    observers: Sequence[Observer] = (),
+    kind: type[RunConfig] = RunConfig,
+    assemble: Callable[..., AbstractContextManager[Parts]] = make_parts,
+    state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
     """Go on with a run.
 
@@ -64,6 +70,9 @@ def resume(
         policy: ``module:Class`` of the run, which says that this code may run; None = only policies of this package.
         device: where the map trains; None = as before.
         observers: see :func:`anm_mj.run.run`.
+        kind: of its configuration.
+        assemble: puts it together, called as :func:`anm_mj.run_parts.make_parts`.
+        state: see :func:`anm_mj.run.run_with`.
 
     Raises:
         CheckpointError: the run has ended, has no whole checkpoint, or is one of another scene, robot or version.
@@ -73,60 +82,33 @@ def resume(
     folder = RunFolder.open(path)
     refuse_links(folder.path.resolve())
     _require_unfinished(folder)
-    config = _config(folder, policy)
+    config = _config(folder, policy, kind)
     if device is not None:
         config = replace(config, device=device)
     store = CheckpointStore(folder.checkpoints)
     stored = store.newest(lambda state: _require_logs(folder, state))
-    with make_parts(config, observers) as parts:
+    with assemble(config, observers) as parts:
         _require_same_world(folder, parts)
         _require_same_settings(folder, stored, parts)
-        if stored.facts.get("engine") != parts.mapper.backend.name:
-            _logger.warning(
-                "The map was trained by %s and now is by %s: the run goes on, but not byte for byte.",
-                stored.facts.get("engine"),
-                parts.mapper.backend.name,
-            )
-        surface = parts.truth().surface
+        say_other_engine(stored, parts.mapper.backend.name)
         lost = _num_lines(folder.steps) - stored.step
-        state = LoopState()
+        state = state or LoopState()
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
-        with RunRecorder(folder, surface, true_view(parts), config.record, before) as recorder:
-            with _of_stored_state(stored):
-                _restore(stored, checkpoint_roots(parts, recorder, state), parts)
+        with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
+            with of_stored_state(stored):
+                lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
             folder.metrics.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:
                 log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
             begin -= float(stored.facts.get("wall_s", 0.0))
-            with _of_stored_state(stored), saying_how_to_go_on(folder):
+            with of_stored_state(stored), saying_how_to_go_on(folder):
                 return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
-@contextmanager
-def _of_stored_state(stored: StoredState) -> Iterator[None]:
-    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it."""
-    try:
-        yield
-    except AnmError:
-        raise
-    except Exception as err:
-        _logger.debug("The error of the resumed run:", exc_info=True)
-        raise CheckpointError(
-            f"The run cannot go on from its checkpoint at step {stored.step} ({describe_error(err)}); start it again."
-        ) from err
-
-
-def _restore(stored: StoredState, roots: dict[str, Any], parts: Parts) -> None:
-    try:
-        restore(stored.nodes, stored.arrays, roots, parts.known)
-    except CheckpointError as err:
-        raise CheckpointError(f"The checkpoint at step {stored.step} does not fit this run: {err}") from err
-
-
-def _config(folder: RunFolder, policy: str | None) -> RunConfig:
+def _config(folder: RunFolder, policy: str | None, kind: type[RunConfig]) -> RunConfig:
     """The configuration; raises CheckpointError where the policy is no name, or code that nobody has vouched for."""
     values = read_json(folder.config)
     named = values.get("policy")
@@ -141,7 +123,7 @@ def _config(folder: RunFolder, policy: str | None) -> RunConfig:
             f"The run's policy '{named}' is code outside of this program, and a run folder may come from anybody; if "
             f"you trust it, add --policy {named}."
         )
-    return read_config(values)
+    return read_config(values, kind)
 
 
 def _require_unfinished(folder: RunFolder) -> None:
@@ -180,12 +162,12 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
 
 def _require_same_settings(folder: RunFolder, stored: StoredState, parts: Parts) -> None:
     before, now = dict(leaves(convert(stored.facts, _Facts).config)), dict(leaves(to_json(parts.config)))
-    for name in sorted(before.keys() & now.keys()):
-        if name.split(".")[0] not in _FREE and before[name] != now[name]:
-            raise CheckpointError(
-                f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
-                "that back, or start a new run."
-            )
+    name = first_difference(before, now, _FREE)
+    if name is not None:
+        raise CheckpointError(
+            f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
+            "that back, or start a new run."
+        )
 
 
 def _num_lines(path: Path) -> int:

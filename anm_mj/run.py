@@ -27,7 +27,7 @@ from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import ReturnFacts, load_writers, write_results
-from anm_mj.run_parts import Parts, make_parts, true_view
+from anm_mj.run_parts import Parts, make_parts
 from anm_mj.types import Observation, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
 
@@ -51,16 +51,43 @@ def run(config: RunConfig, *, out: Path | None = None, observers: Sequence[Obser
     begin = time.perf_counter()
     prior = None if config.continue_from is None else PriorRun.read(Path(config.continue_from))
     with make_parts(config, observers, prior) as parts:
-        folder = RunFolder.create(out, parts.scene.name, config.policy)
-        write_json(folder.manifest, manifest(parts.facts, sys.argv))
-        write_json(folder.config, parts.config)
-        surface = parts.truth().surface
-        before = None if prior is None else Before(prior.found(config.policy), prior.covered(surface))
-        malloc_trim()
-        recorder = RunRecorder(folder, surface, true_view(parts), config.record, before=before)
-        with recorder, saying_how_to_go_on(folder):
-            metrics = run_loop(parts, folder, recorder, LoopState(config.planning.patience_steps), observers, begin)
-    return folder, metrics
+        return run_with(parts, begin, out=out, prior=prior, observers=observers)
+
+
+def run_with(
+    parts: Parts,
+    begin: float,
+    *,
+    out: Path | None = None,
+    prior: PriorRun | None = None,
+    observers: Sequence[Observer] = (),
+    state: LoopState | None = None,
+) -> tuple[RunFolder, Metrics]:
+    """:func:`run` with what it is put together from.
+
+    Args:
+        parts: what was put together.
+        begin: ``time.perf_counter`` at the start of the program [s].
+        out: see :func:`run`.
+        prior: the run that this one goes on from.
+        observers: see :func:`run`.
+        state: where the loop stands, for who follows it; None = nobody does.
+
+    Raises:
+        AnmError: see :func:`run`.
+    """
+    config = parts.config
+    folder = RunFolder.create(out, parts.name, config.policy)
+    write_json(folder.manifest, manifest(parts.facts, sys.argv))
+    write_json(folder.config, config)
+    surface, before = parts.surface, None
+    if prior is not None and surface is not None:
+        before = Before(prior.found(config.policy), prior.covered(surface))
+    malloc_trim()
+    recorder = RunRecorder(folder, surface, parts.true_view, config.record, before=before)
+    state = state or LoopState(config.planning.patience_steps)
+    with recorder, saying_how_to_go_on(folder):
+        return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from anm_mj.config import RunConfig
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.events import Observer
 from anm_mj.ground_truth.cache import cached_ground_truth, reachable_area
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.io.manifest import RunFacts
 from anm_mj.io.run_events import Surveying
@@ -27,16 +28,25 @@ from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_c
 from anm_mj.planning.policies.return_to_certainty import ReturnToCertainty
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
-from anm_mj.protocols import Policy
+from anm_mj.protocols import Policy, Robot
 from anm_mj.scene.folder import Scene, default_steps, load_scene
 from anm_mj.scene.starts import sample_start
 from anm_mj.sim.gl import GlBackend, select_backend
-from anm_mj.types import TrueView
+from anm_mj.types import Footprint, TrueView
 
 if TYPE_CHECKING:
     from anm_mj.localisation.field_localiser import FieldLocaliser
     from anm_mj.mapping.neural_map import NeuralMap
     from anm_mj.sim.sim_robot import SimRobot
+
+
+@runtime_checkable
+class RunRobot(Robot, Protocol):
+    """A robot that a run closes at its end."""
+
+    def close(self) -> None:
+        """Free what it holds; may be called again."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -45,8 +55,9 @@ class Parts:
 
     config: RunConfig
     """With the budget filled in."""
-    scene: Scene
-    robot: SimRobot
+    name: str
+    """Of the scene, or of what stands for it; the run folder is named after it."""
+    robot: RunRobot
     mapper: NeuralMap
     localiser: FieldLocaliser | None
     """Where poses come from localisation."""
@@ -54,14 +65,22 @@ class Parts:
     """The policy that the configuration names."""
     policy: Policy
     """The same, with what the run adds to it."""
-    truth: Callable[[], SceneTruth]
-    """For the recorder, and for policies that declare that they need it; it is built when it is first asked for."""
     facts: RunFacts
+    truth: Callable[[], SceneTruth] | None = None
+    """For the recorder, and for policies that declare that they need it; it is built when it is first asked for. None
+    where nobody knows it."""
+    true_view: Callable[[], TrueView] | None = None
+    """Gives true poses and depth; None where observations hold them, or nobody knows them."""
 
     @property
     def known(self) -> KnownClasses:
         """The classes that the state of the run may have: the package's own, and those of the user's policy."""
         return KnownClasses(policy_class(self.config.policy).__module__)
+
+    @property
+    def surface(self) -> GroundTruth | None:
+        """The true surface; None where nobody knows it."""
+        return None if self.truth is None else self.truth().surface
 
 
 @contextmanager
@@ -101,14 +120,10 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         if prior is not None:
             facts = replace(facts, continued_from=prior.provenance)
         localiser = make_localiser(config, mapper)
-        yield Parts(config, scene, robot, mapper, localiser, explorer, _wrapped(explorer, config, robot), truth, facts)
-
-
-def true_view(parts: Parts) -> Callable[[], TrueView] | None:
-    """A function that gives true poses and depth; None where observations hold them."""
-    config = parts.config
-    exact = config.pose == "true" and not config.sensor.misses and not config.people.number
-    return None if exact else parts.robot.true_view
+        policy = wrapped_policy(explorer, config, robot.footprint)
+        exact = config.pose == "true" and not config.sensor.misses and not config.people.number
+        true_view = None if exact else robot.true_view
+        yield Parts(config, scene.name, robot, mapper, localiser, explorer, policy, facts, truth, true_view)
 
 
 # The next functions import the map and mujoco: a mistyped option should not cost the time that this takes, and mujoco
@@ -186,7 +201,7 @@ def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Seq
     return SceneTruth(surface, reachable_area(scene, robot.footprint, start), camera, budget_steps)
 
 
-def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
+def wrapped_policy(explorer: Policy, config: RunConfig, footprint: Footprint) -> Policy:
     """A policy with the look around of a continued run, and with the returns to certainty and to the start."""
     policy = explorer if config.continue_from is None else LookingAround(explorer)
     if config.pose == "slam" and config.planning.uncertainty_aware:
@@ -194,7 +209,7 @@ def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
     if not config.return_to_start:
         return policy
     assert config.steps is not None
-    return ReturnToStart(policy, config.planning, robot.footprint, config.steps)
+    return ReturnToStart(policy, config.planning, footprint, config.steps)
 
 
 def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:

@@ -4,6 +4,7 @@ python scripts/gallery.py docs
 """
 
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import tyro
 
 from anm_mj.config import make_config
 from anm_mj.replay.film import write_film
+from anm_mj.replay.page import replay_page
 from anm_mj.replay.timeline import read_timeline
 from anm_mj.run import run
 
@@ -23,7 +25,7 @@ def main(
     every: int = 14,
     existing: Path | None = None,
 ) -> None:
-    """Explore, then write film.gif, curve.png and topdown.png.
+    """Explore, then write film.gif, curve.png and topdown.png, and where Chromium is replay.png.
 
     Args:
         out: folder of the pictures.
@@ -40,8 +42,22 @@ def main(
     write_film(read_timeline(folder), out / "film.gif", fps=6.0, every=every)
     for name in ("curve.png", "topdown.png"):
         shutil.copyfile(folder / name, out / name)
+    if shutil.which("chromium"):
+        _screenshot(folder, out / "replay.png")
     size = sum((out / name).stat().st_size for name in ("film.gif", "curve.png", "topdown.png"))
     print(f"Wrote film.gif, curve.png and topdown.png to {out} from {folder} ({size / 1e6:.1f} MB).")
+
+
+def _screenshot(run_folder: Path, path: Path) -> None:
+    """The replay of a run as a browser shows it."""
+    page = path.resolve().with_suffix(".html")
+    page.write_text(replay_page(read_timeline(run_folder)), encoding="utf-8")
+    words = "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --hide-scrollbars"
+    words += " --window-size=1280,800 --virtual-time-budget=8000"
+    subprocess.run(
+        ["chromium", *words.split(), f"--screenshot={path}", page.as_uri()], check=True, stderr=subprocess.DEVNULL
+    )
+    page.unlink()
 
 
 if __name__ == "__main__":

@@ -50,7 +50,8 @@ defined in [conventions.md](conventions.md).
 COMMANDS_HEAD = """# Commands
 
 Made from the code by `python scripts/make_reference.py`; it is what `--help` prints. Exit status: 0, 2 with a sentence
-for wrong input, 1 where a command says so. `-v` or `--verbose` of every command shows details.
+for wrong input, 1 where a command says so. Of every command, `-v` or `--verbose` shows details,
+and `-q` or `--quiet` prints only warnings and errors. [In scripts](start.md#in-scripts).
 """
 
 
@@ -77,12 +78,14 @@ def pages() -> dict[str, str]:
 
 
 def commands() -> str:
-    """Every command with its options."""
+    """Every command with its options, but for those that all have."""
     parts = [COMMANDS_HEAD]
     for name, command in command_line.commands(PROGRAM, COMMANDS):
         summary, more, _ = parameter_texts(command)
         known = command_line.arguments(command)
         rows = [(f"`{' '.join(filter(None, (one.flag, one.metavar)))}`", one.help) for one in known]
+        if "json" in command_line.manner_options(command):
+            rows.append(("`--json`", command_line.MANNER["json"]))
         texts = [f"{summary} {more}".rstrip(), *([_table(rows, ("argument", "meaning"))] if rows else [""])]
         parts.append(f"## `{name}`\n\n" + "\n\n".join(texts).rstrip() + "\n")
     parts.append(

@@ -52,9 +52,9 @@ def camera_pose(pose: Pose2, height_m: float = 1.25) -> np.ndarray:
     return np.array([[s, 0.0, c, pose.x_m], [-c, 0.0, s, pose.y_m], [0.0, -1.0, 0.0, height_m], [0.0, 0.0, 0.0, 1.0]])
 
 
-def room_depth(T_world_camera: np.ndarray, intrinsics: Intrinsics = CAMERA) -> np.ndarray:
-    """Planar depth of the box room's walls, exact."""
-    rays = pixel_directions(intrinsics) @ T_world_camera[:3, :3].T
+def room_depth(T_world_camera: np.ndarray, seen: Intrinsics | np.ndarray = CAMERA) -> np.ndarray:
+    """Planar depth of the box room's walls, exact, of a camera or along directions with z = 1."""
+    rays = (pixel_directions(seen) if isinstance(seen, Intrinsics) else seen) @ T_world_camera[:3, :3].T
     with np.errstate(divide="ignore"):
         to_low = (ROOM_LOW_M - T_world_camera[:3, 3]) / rays
         to_high = (ROOM_HIGH_M - T_world_camera[:3, 3]) / rays

@@ -1,5 +1,7 @@
 """What users import reads a run as arrays and as a data frame, and passes a strict type checker."""
 
+import base64
+import io
 import json
 import shutil
 import subprocess
@@ -8,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import anm_mj
+from anm_mj.viz.figure_file import save_figure
 from tests.replay.conftest import box_run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,6 +58,25 @@ def test_a_data_frame_holds_the_steps(run):
     assert frame["action"].value_counts().to_dict() == {"TURN_LEFT": 27, "MOVE_FORWARD": 13}
     assert frame["moved_m"].sum() == pytest.approx(13 * 0.065)
     assert set(frame.columns) == set(run.steps)
+
+
+def test_a_run_describes_itself_in_five_lines_and_to_notebooks_with_its_map(run):
+    lines = repr(run).splitlines()
+    assert [line.split()[0] for line in lines] == ["run", "folder", "came", "mesh", "more"]
+    assert str(run.content.folder.path) in lines[1]
+    assert max(map(len, lines)) < 200
+    assert "<img" not in run._repr_html_()
+    save_figure(run.plot(), run.content.folder.topdown_picture)
+    shown = run._repr_html_()
+    picture = base64.b64decode(shown.split("base64,")[1].split('"')[0])
+    assert picture == run.content.folder.topdown_picture.read_bytes()
+    assert repr(anm_mj.Exploration(run.content.folder.path, run.metrics)).count("\n") == 4
+
+
+@pytest.mark.parametrize("what", ["topdown", "curve"])
+def test_a_run_is_plotted(run, what):
+    with Image.open(io.BytesIO(run.plot(what)._repr_png_())) as picture:
+        assert min(picture.size) > 500
 
 
 def test_without_pandas_it_is_one_sentence(run, monkeypatch):

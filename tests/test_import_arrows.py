@@ -38,8 +38,10 @@ FLOORS = {
         ("config", "export"),
         ("prior_run",),
         ("run_parts",),
+        ("mapping_state",),
         ("localise_images", "map_sequence", "run"),
         ("api", "bench", "resume"),
+        ("ros",),
     ),
     "cli": (("cli",),),
 }
@@ -56,6 +58,7 @@ _ONLY_IN = {
     "pinocchio": {"robot"},
     "torch": {"mapping"},
     "meshcat": {"viz"},
+    "cyclonedds": {"ros"},
 }
 """Heavy packages and the only rooms that may import them. Elsewhere not even inside a function."""
 

@@ -97,3 +97,33 @@ def test_what_was_mapped_before_an_error_is_kept(sequence, tmp_path, capsys):
     assert (out / "mesh.ply").is_file()
     metrics = json.loads((out / "metrics.json").read_text())
     assert (metrics["frames"], metrics["left_out_frames"]) == (8, 8)
+
+
+@pytest.mark.parametrize("tracked", [(), pytest.param(("--track",), marks=pytest.mark.slow)])
+def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(sequence, tmp_path, capsys, tracked):
+    """Images that were missing come back; the maps are the same, byte for byte."""
+    folder, out, whole = tmp_path / "walk", tmp_path / "out", tmp_path / "whole"
+    shutil.copytree(sequence, folder)
+    words = ["map", str(folder), "--preset", "quick", "--shadow", *tracked]
+    words += ["--set", "mapping.schedule.final_iterations=1"]
+    assert main([*words, "--out", str(whole)]) == 0
+    for step in range(5, 12):
+        (folder / "rgb" / f"{step:06d}.png").rename(tmp_path / f"{step:06d}.png")
+    assert main([*words, "--out", str(out)]) == 2
+    assert f"with --resume {out} in place of --out" in " ".join(capsys.readouterr().err.split())
+    assert len(read_jsonl(out / "frames.jsonl")) == 5
+    assert main([*words, "--resume", str(out), "--seed", "1"]) == 2
+    assert "seed is 1, and" in " ".join(capsys.readouterr().err.split())
+    assert main([*words, "--resume", str(out), "--every", "2"]) == 2
+    assert "The sequence is not the one that" in " ".join(capsys.readouterr().err.split())
+    for path in tmp_path.glob("*.png"):
+        path.rename(folder / "rgb" / path.name)
+    assert main([*words, "--resume", str(out)]) == 0
+    for name in ("frames.jsonl", "trajectory.tum", "map.safetensors", "mesh.ply"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    assert [plan["reason"] for plan in read_jsonl(out / "plans.jsonl")] == [
+        plan["reason"] for plan in read_jsonl(whole / "plans.jsonl")
+    ]
+    assert not (out / "checkpoint").exists()
+    assert main([*words, "--resume", str(out)]) == 2
+    assert "has no checkpoint to resume from" in " ".join(capsys.readouterr().err.split())

@@ -49,6 +49,7 @@ def write_bound(config: RunConfig, path: Path) -> None:
     """
     with make_parts(config) as parts:
         pose = parts.robot.observe().pose
+        assert parts.truth is not None
         bound = TourPlanner(parts.truth(), 1, pose).upper_bound(pose)
     lines = [
         f"{step},{float(bound[step])!r}" for step in sorted({*range(0, len(bound), CHECKPOINT_STEPS), len(bound) - 1})

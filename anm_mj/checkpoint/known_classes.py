@@ -26,6 +26,8 @@ _MAKEABLE = (
 )
 """Parts of the package whose objects a checkpoint may make. They only compute: none of them writes files, opens
 connections or starts programs when it is made without its constructor."""
+_RECORDS = ("io.run_records", "sequence_check.frame_fit")
+"""Modules of other parts whose objects hold numbers alone."""
 
 
 class KnownClasses:
@@ -42,7 +44,8 @@ class KnownClasses:
     def allows(self, module: str) -> bool:
         """Whether objects of the classes of a module may be made."""
         package, _, rest = module.partition(".")
-        return module in self._modules or (package == _PACKAGE and rest.partition(".")[0] in _MAKEABLE)
+        ours = rest.partition(".")[0] in _MAKEABLE or rest in _RECORDS
+        return module in self._modules or (package == _PACKAGE and ours)
 
     def find(self, name: str) -> Any:
         """The class or function of the name that :func:`name_of` gave.

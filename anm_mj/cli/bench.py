@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from anm_mj.cli.command_line import Option
+from anm_mj.cli.command_line import Option, Report
 from anm_mj.cli.option_types import Count, NewFolder
 from anm_mj.errors import ConfigError
 
@@ -23,7 +23,7 @@ def bench(
     out: NewFolder | None = None,
     workers: Count = 1,
     executor: str = "local",
-) -> int:
+) -> Report:
     """Compare policies over scenes, starts and seeds, and write tables.
 
     The same command resumes an interrupted comparison.
@@ -69,8 +69,10 @@ def bench(
     for failure in made.failures:
         PlainConsole(stderr=True).say(failure, style="red")
     left = f", {len(made.failures)} failed; the same command tries them again" if made.failures else ""
+    files = {"report": out / "report.html", "table": out / "table.md", "results": out / "results.csv"}
     console.say(
         f"{len(made.jobs)} runs, {made.skipped} of them from before{left}. "
-        f"Report: {out / 'report.html'}; tables: {out / 'table.md'}, {out / 'results.csv'}"
+        f"Report: {files['report']}; tables: {files['table']}, {files['results']}"
     )
-    return INCOMPLETE if made.failures else 0
+    facts = {"runs": len(made.jobs), "from_before": made.skipped, "failures": made.failures, **files}
+    return Report(facts, INCOMPLETE if made.failures else 0)

@@ -1,7 +1,8 @@
 """A command line from functions: a command is a function, its parameters are the arguments, its docstring is the help.
 
 Parameters before ``*`` are positional, those behind it are options. A function gets only what was given, so that a
-default stands once, in its signature. An :class:`Option` beside a type says what a signature cannot. Beside
+default stands once, in its signature. One that returns a :class:`Report` can be asked for it as JSON. An
+:class:`Option` beside a type says what a signature cannot. Beside
 the type of ``**options`` stands what has more of them: another function, or :class:`Fields` of a dataclass, whose
 docstrings are their help.
 """
@@ -22,7 +23,31 @@ from anm_mj.utils.close_names import close_name
 from anm_mj.utils.docstrings import field_texts, parameter_texts
 
 USAGE_ERROR = 2
-Command = Callable[..., int]
+
+
+class Report(NamedTuple):
+    """What a command has found out."""
+
+    facts: Any
+    """What ``--json`` prints: whatever :func:`anm_mj.io.to_json.to_json` takes."""
+    status: int = 0
+    """Exit status."""
+
+
+class Manner(NamedTuple):
+    """How a command speaks; options that no command has for itself."""
+
+    verbose: bool = False
+    quiet: bool = False
+    json: bool = False
+
+
+Command = Callable[..., int | Report]
+MANNER = {
+    "verbose": "show details and tracebacks",
+    "quiet": "print only warnings and errors",
+    "json": "print the result as JSON, and nothing else",
+}
 
 
 class Option(NamedTuple):
@@ -124,8 +149,14 @@ def find(prog: str, group: Group, words: Sequence[str]) -> tuple[str, Command, S
     return find(prog, found, rest) if isinstance(found, Group) else (prog, found, rest)
 
 
-def parse(prog: str, command: Command, words: Sequence[str]) -> tuple[dict[str, Any], bool]:
-    """What a command line gives of the parameters of a command, and whether it asks for details.
+def manner_options(command: Command) -> dict[str, str]:
+    """Those of a command's options that say how it speaks, with their help: ``--json`` where it returns a report."""
+    reports = inspect.unwrap(command).__annotations__.get("return") in (Report, Report.__name__)
+    return {name: text for name, text in MANNER.items() if reports or name != "json"}
+
+
+def parse(prog: str, command: Command, words: Sequence[str]) -> tuple[dict[str, Any], Manner]:
+    """What a command line gives of the parameters of a command, and how the command is to speak.
 
     Raises:
         SystemExit: after the help (status 0), or after a sentence about what is wrong (status 2).
@@ -136,10 +167,16 @@ def parse(prog: str, command: Command, words: Sequence[str]) -> tuple[dict[str, 
         names = {"metavar": one.metavar} if one.metavar else {}
         names |= {"dest": one.name} if one.flag else {}
         parser.add_argument(one.flag or one.name, help=one.help.replace("%", "%%"), **names, **one.reading)
-    parser.add_argument("-v", "--verbose", action="store_true", default=False, help="show details and tracebacks")
+    options = manner_options(command)
+    loudness = parser.add_mutually_exclusive_group()
+    for name, text in options.items():
+        short, place = ([], parser) if name == "json" else ([f"-{name[0]}"], loudness)
+        place.add_argument(*short, f"--{name}", action="store_true", default=False, help=text)
     given = vars(parser.parse_args(_join_numbers(words)))
-    verbose = given["verbose"] if "verbose" in inspect.signature(command).parameters else given.pop("verbose")
-    return {name: value for name, value in given.items() if value is not None}, verbose
+    manner = Manner(**{name: given.pop(name) for name in options})
+    if "verbose" in inspect.signature(command).parameters:
+        given["verbose"] = manner.verbose
+    return {name: value for name, value in given.items() if value is not None}, manner
 
 
 def fail(prog: str, message: str) -> NoReturn:

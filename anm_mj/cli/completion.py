@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
-from anm_mj.cli.command_line import Argument, Group, arguments
+from anm_mj.cli.command_line import Argument, Group, arguments, manner_options
 from anm_mj.utils.docstrings import parameter_texts
 
 _BASH = """\
@@ -73,7 +73,8 @@ def _places(path: tuple[str, ...], group: Group) -> Iterator[_Place]:
         else:
             known = arguments(found)
             flags = {one.flag: one.help for one in known if one.flag}
-            yield _Place((*path, word), "", flags | {"--verbose": "show details and tracebacks", "--help": "show help"})
+            flags |= {f"--{name}": text for name, text in manner_options(found).items()} | {"--help": "show help"}
+            yield _Place((*path, word), "", flags)
             yield from (_Place((*path, word), one.flag, _choices(one)) for one in known if _choices(one))
 
 

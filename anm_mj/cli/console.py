@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -9,15 +10,35 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from anm_mj.cli.command_line import Manner
+
 UNUSABLE = 1
 """Exit status of a check that found what it checked unusable."""
 
 
+_WIDE = 10_000
+"""Characters of a line where no terminal is: what a program reads is not broken into lines."""
+
+
 class PlainConsole(Console):
-    """A console that takes no markup from texts and prints characters that would command the terminal as escapes."""
+    """A console that takes no markup from texts and prints characters that would command the terminal as escapes.
+
+    What it prints is for people: it is silent where only JSON or nothing was asked for, unless it is that of errors.
+    """
+
+    manner = Manner()
+    """How the command speaks."""
 
     def __init__(self, *, stderr: bool = False) -> None:
-        super().__init__(stderr=stderr, markup=False)
+        silent = not stderr and (self.manner.quiet or self.manner.json)
+        super().__init__(stderr=stderr, markup=False, emoji=False, quiet=silent)
+        if not self.is_terminal and "COLUMNS" not in os.environ:
+            self.width = _WIDE
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether somebody sees what moves."""
+        return not self.quiet and super().is_terminal
 
     def render_str(self, text: str, **options: Any) -> Text:
         """What is printed for a text, alone or in a cell of a table."""
@@ -33,6 +54,15 @@ class PlainConsole(Console):
         """Print lines as long as they are, so that they can be copied and stored."""
         for line in lines:
             self.print(line, style=style, highlight=False, soft_wrap=True)
+
+
+def say_json(facts: object) -> None:
+    """Print a result for programs."""
+    from anm_mj.io.to_json import to_json
+
+    console = PlainConsole()
+    console.quiet = False
+    console.print(json.dumps(to_json(facts), indent=2), soft_wrap=True, highlight=False)
 
 
 def say_problems(problems: Sequence[str]) -> int:

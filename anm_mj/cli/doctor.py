@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from anm_mj.cli.command_line import Report
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -17,7 +19,7 @@ _LAST = re.compile(r"(?<![\w:/…])~?/[^\s/:'\"()]+")
 """A path right below the root."""
 
 
-def doctor(*, report: bool = False) -> int:
+def doctor(*, report: bool = False) -> Report:
     """Check what this machine has, and what a run will use.
 
     The exit status is 1 if a run is impossible.
@@ -35,7 +37,7 @@ def doctor(*, report: bool = False) -> int:
         console.say(report_text(checks))
     else:
         print_checks(checks, console)
-    return UNUSABLE if any(check.state is State.BAD for check in checks) else 0
+    return Report(checks, UNUSABLE if any(check.state is State.BAD for check in checks) else 0)
 
 
 def print_checks(checks: Sequence[Check], console: Console) -> None:

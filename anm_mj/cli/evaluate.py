@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from anm_mj.cli.command_line import Report
 
-def evaluate(run: Path, *, novel_views: bool = False, halved_intrinsics: bool = False, scene: str | None = None) -> int:
+
+def evaluate(
+    run: Path, *, novel_views: bool = False, halved_intrinsics: bool = False, scene: str | None = None
+) -> Report:
     """Recompute the metrics of a run from its folder alone.
 
     Args:
@@ -18,7 +22,7 @@ def evaluate(run: Path, *, novel_views: bool = False, halved_intrinsics: bool = 
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.progress import ProgressLine
-    from anm_mj.cli.run_summary import print_metrics
+    from anm_mj.cli.run_summary import report_metrics
     from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run
 
     console = PlainConsole()
@@ -33,11 +37,12 @@ def evaluate(run: Path, *, novel_views: bool = False, halved_intrinsics: bool = 
             fixed = evaluate_fixed_views(run, scene=scene, on_progress=on_progress)
     with ProgressLine(console) as line:
         metrics = evaluate_run(run, line.survey, novel, fixed)
-    print_metrics(console, metrics, run)
+    report = report_metrics(console, metrics, run)
     if halved_intrinsics:
         other = completion_with_halved_intrinsics(run)
         console.say(
             f"With halved intrinsics: completion ratio {other.ratio_percent:.2f} %, completion "
             f"{other.completion_cm:.2f} cm"
         )
-    return 0
+        report.facts["with_halved_intrinsics"] = other
+    return report

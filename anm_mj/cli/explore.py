@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option, arguments
+from anm_mj.cli.command_line import Fields, Option, Report, arguments
 from anm_mj.cli.option_types import NewFolder, Port, Settings
 from anm_mj.errors import ConfigError
 from anm_mj.planning.policies.registry import policies
@@ -24,7 +24,7 @@ RUN_FAILED = 2
 """Exit status of a run that an error of its policy or of its map has ended; its files are complete."""
 
 
-def _policies() -> Iterator[str]:
+def policy_names() -> Iterator[str]:
     """The names of the policies, with a few words where one has any."""
     yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
 
@@ -32,7 +32,7 @@ def _policies() -> Iterator[str]:
 def _run_fields() -> tuple[type, Mapping[str, Option]]:
     from anm_mj.config import OPTIONS, RunConfig
 
-    names = {"policy": _policies}
+    names = {"policy": policy_names}
     return RunConfig, {field: Option(words, names=names.get(field)) for field, words in OPTIONS.items()}
 
 
@@ -93,7 +93,7 @@ def explore(
     port: Port | None = None,
     verbose: bool = False,
     **setup: Annotated[Any, run_config],
-) -> int:
+) -> Report:
     """Let the robot explore a scene and write a run folder.
 
     Example: anm-mj explore home --steps 500
@@ -126,7 +126,7 @@ def explore(
 
         title = f"{Path(scene).name}, {config.policy}, seed {config.seed}"
         start = functools.partial(run, config, out=out)
-    return _show(start, title if view else None, port, verbose=verbose)
+    return show_run(start, title if view else None, port, verbose=verbose)
 
 
 def _refuse(**given: Any) -> None:
@@ -138,9 +138,14 @@ def _refuse(**given: Any) -> None:
             raise ConfigError(f"--resume goes on with the run as it was set up; leave out {what}.")
 
 
-def _show(
-    start: Callable[..., tuple[RunFolder, Metrics]], title: str | None, port: int | None, *, verbose: bool
-) -> int:
+def show_run(
+    start: Callable[..., tuple[RunFolder, Metrics]],
+    title: str | None,
+    port: int | None,
+    *,
+    verbose: bool,
+    live: bool = False,
+) -> Report:
     """Run, show how it goes, and print the metrics at the end.
 
     Args:
@@ -148,26 +153,24 @@ def _show(
         title: of the page in the browser; None = no page.
         port: of the page.
         verbose: whether details are shown.
+        live: whether it also takes a function that says whether the user wants an end.
     """
     from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.live_view import live_view
     from anm_mj.cli.log import log_to
     from anm_mj.cli.progress import Interrupt, ProgressLine
-    from anm_mj.cli.run_summary import print_metrics
+    from anm_mj.cli.run_summary import report_metrics
     from anm_mj.types import StopReason
 
     console = PlainConsole()
     if console.is_terminal:
         log_to(console, verbose=verbose)  # The live line makes room for what its own console prints.
-    viewer = None
-    if title is not None:
-        from anm_mj.viz.meshcat_viewer import MeshcatViewer
-
-        viewer = MeshcatViewer(port=port, title=title)
-    try:
-        with Interrupt(console) as interrupt, ProgressLine(console, details=verbose) as line:
-            folder, metrics = start(observers=[interrupt, line, *([] if viewer is None else [viewer])])
-    finally:
-        if viewer is not None:
-            viewer.close()
-    print_metrics(console, metrics, folder.path)
-    return RUN_FAILED if metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR) else 0
+    with (
+        Interrupt(console) as interrupt,
+        live_view(title, port, interrupt) as views,
+        ProgressLine(console, details=verbose) as line,
+    ):
+        waits = {"is_over": lambda: interrupt.is_requested} if live else {}
+        folder, metrics = start(observers=[interrupt, line, *views], **waits)
+    failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR)
+    return report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)

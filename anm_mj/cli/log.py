@@ -21,7 +21,13 @@ class _Lines(logging.Handler):
             self.handleError(record)
 
 
-def log_to(console: Console, *, verbose: bool = False) -> None:
-    """Send what the project logs to a console, with ``verbose`` details too, and of other packages only warnings."""
+def log_to(console: Console, *, verbose: bool = False, quiet: bool = False) -> None:
+    """Send what the project logs to a console, of other packages only warnings.
+
+    Args:
+        console: where to.
+        verbose: details too.
+        quiet: of the project only warnings, too.
+    """
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Lines(console)], force=True)
-    logging.getLogger("anm_mj").setLevel(logging.DEBUG if verbose else logging.INFO)
+    logging.getLogger("anm_mj").setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)

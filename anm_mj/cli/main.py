@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from anm_mj.cli.bench import bench
-from anm_mj.cli.command_line import USAGE_ERROR, Group, fail, find, parse
+from anm_mj.cli.command_line import USAGE_ERROR, Group, Report, fail, find, parse
 from anm_mj.cli.completion import completion
 from anm_mj.cli.doctor import doctor
+from anm_mj.cli.drive import drive
 from anm_mj.cli.evaluate import evaluate
 from anm_mj.cli.explore import explore
 from anm_mj.cli.export import export
@@ -24,6 +25,7 @@ from anm_mj.cli.map import map_recorded
 from anm_mj.cli.robot import robot_check
 from anm_mj.cli.scene import scene_generate, scene_import, scene_list
 from anm_mj.cli.scene_check import scene_check
+from anm_mj.cli.simulate import simulate
 from anm_mj.cli.version import version
 from anm_mj.cli.view import view
 from anm_mj.errors import AnmError
@@ -39,6 +41,8 @@ COMMANDS = Group(
         "eval": evaluate,
         "map": map_recorded,
         "localise": localise,
+        "simulate": simulate,
+        "drive": drive,
         "view": view,
         "export": export,
         "bench": bench,
@@ -62,20 +66,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _require_text(words)
         prog, command, rest = find(PROGRAM, COMMANDS, words)
-        given, verbose = parse(prog, command, rest)
+        given, manner = parse(prog, command, rest)
     except SystemExit as end:
         return int(end.code or 0)
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, say_json
     from anm_mj.cli.log import log_to
     from anm_mj.utils.files import home_folder
 
     # matplotlib and others end the program for a user without a home.
     os.environ.setdefault("HOME", str(home_folder()))
 
+    PlainConsole.manner = manner
     console = PlainConsole(stderr=True)
-    log_to(console, verbose=verbose)
+    log_to(console, verbose=manner.verbose, quiet=manner.quiet)
     try:
-        return command(**given)
+        done = command(**given)
+        if not isinstance(done, Report):
+            return done
+        if manner.json:
+            say_json(done.facts)
+        return done.status
     except AnmError as err:
         sentence = str(err)
     except KeyboardInterrupt:
@@ -92,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     except Exception as err:
         missing = missing_package(err) if isinstance(err, ModuleNotFoundError) else None
-        if verbose and missing is None:
+        if manner.verbose and missing is None:
             raise
         sentence = missing or _unforeseen(err)
     # What a library says within the sentence may come in several lines.

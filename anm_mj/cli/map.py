@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option
+from anm_mj.cli.command_line import Fields, Option, Report
 from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
 from anm_mj.errors import ConfigError, RunFolderError
 
@@ -60,6 +60,7 @@ def map_recorded(
     every: Count = 1,
     track: bool = False,
     reference: Path | None = None,
+    resume: Annotated[Path | None, Option("RUN")] = None,
     shadow: bool = False,
     radius: Metres = 0.18,
     height: Metres = 1.35,
@@ -68,21 +69,21 @@ def map_recorded(
     port: Port | None = None,
     settings: Settings = (),
     **options: Annotated[Any, Fields(_map_fields)],
-) -> int:
+) -> Report:
     """Map a recorded RGB-D sequence, and write a run folder.
 
-    Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, 7-Scenes,
-    ScanNet's export, our own, a run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and
-    docs/localisation.md for --track.
+    Layouts: TUM RGB-D, ETH3D, ICL-NUIM, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read
+    it, 7-Scenes, ScanNet's export, ARKitScenes, Open3D's, those of Stray Scanner, Polycam and Record3D, our own, a run
+    folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and docs/localisation.md for --track.
 
     Args:
         sequence: folder of the sequence, a transforms.json, or a bag
         out: run folder; by default a new one in runs/
-        layout: run, anm-mj, tum, nerfstudio, replica, 7scenes, scannet or rosbag; by default recognised by its files
+        layout: name of the layout, as in docs/results.md; by default recognised by its files
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
         distortion: lens distortion in the order of OpenCV, or none; by default as the files say
-        up: axis of the world that points up: z, -z, y, -y; by default z, without poses -y of the first camera
+        up: axis of the world that points up: z, -z, y or -y; by default that of the layout, without poses -y
         floor: height of the floor along it; by default found from the depth
         topics: topic of a bag for colour, depth, camera or pose (a topic or tf), where several fit; may be repeated
         poses: what a pose is: camera-to-world, world-to-camera, conjugate, scalar-first or scalar-first-inverse
@@ -99,6 +100,7 @@ def map_recorded(
         every: read every Nth frame only
         track: find the poses by localisation in the map; those of the sequence, if any, are a prior
         reference: poses in TUM format that the found ones are compared with; a sequence's own are no prior then
+        resume: go on with a run of the same command that was killed, interrupted or ended in an error, from its folder
         shadow: record at each frame where the policy would have gone (plans.jsonl)
         radius: radius of the robot
         height: height of the robot
@@ -110,6 +112,7 @@ def map_recorded(
     """
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.live_view import live_view
     from anm_mj.cli.progress import FrameLine, Interrupt
     from anm_mj.cli.run_summary import print_fit, print_folder, print_tracking
     from anm_mj.config import DEFAULT_PRESET, make_config
@@ -127,6 +130,8 @@ def map_recorded(
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
     if port is not None and not view:
         raise ConfigError(f"--port is {port}, but nothing is shown; add --view.")
+    if resume is not None and out is not None:
+        raise ConfigError(f"--resume goes on in {resume}; leave out --out.")
     by_role = topics_by_role(topics)
     if reference is not None and not track:
         raise ConfigError("--reference is for poses that --track finds; give both, or none.")
@@ -160,28 +165,24 @@ def map_recorded(
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
     footprint = Footprint(radius, 0.05, height)
-    viewer = None
-    if view:
-        from anm_mj.viz.meshcat_viewer import MeshcatViewer
-
-        viewer = MeshcatViewer(port=port, title=f"{sequence.resolve().name}, recorded")
-    try:
-        with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
-            observers = [FrameLine(console, on_progress), interrupt, *([] if viewer is None else [viewer])]
-            folder = map_sequence(
-                frames,
-                config,
-                footprint,
-                out=out,
-                shadow=shadow,
-                reference=measured,
-                verdict=judged_before.verdict,
-                corrections=judged_before.applied,
-                observers=observers,
-            )
-    finally:
-        if viewer is not None:
-            viewer.close()
+    title = f"{sequence.resolve().name}, recorded" if view else None
+    with (
+        Interrupt(console) as interrupt,
+        live_view(title, port, interrupt) as views,
+        progress_bar(console, "map") as on_progress,
+    ):
+        folder = map_sequence(
+            frames,
+            config,
+            footprint,
+            out=out,
+            shadow=shadow,
+            reference=measured,
+            verdict=judged_before.verdict,
+            corrections=judged_before.applied,
+            observers=[FrameLine(console, on_progress), interrupt, *views],
+            resume=resume,
+        )
     metrics = read_json(folder.metrics)
     print_fit(console, metrics)
     if track:
@@ -192,7 +193,7 @@ def map_recorded(
             f"{sequence} shows no surface that the map could hold: check the unit of depth (--depth-unit), the poses "
             "and the camera."
         )
-    return 0
+    return Report({"folder": folder.path, **metrics})
 
 
 def topics_by_role(topics: Sequence[str]) -> dict[str, str]:

@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.text import Text
 
 from anm_mj.events import Decided, Ended, Observed, Stepped
-from anm_mj.io.run_events import Started, Surveying
+from anm_mj.io.run_events import Started, Surveying, headline
 from anm_mj.types import Plan
 
 PLAIN_EVERY = 50
@@ -78,7 +78,7 @@ class ProgressLine:
             return
         parts = [
             f"step {report.step} of {num_steps}",
-            f"completion {row.completion_ratio:.1f} %" if row is not None else "",
+            "{:.1f} % of {}".format(*headline(row)) if row is not None else "",
             f"{report.step / max(report.loop_s, 1e-9):.1f} steps/s",
             self._left(report.step, num_steps),
         ]
@@ -154,9 +154,13 @@ class Interrupt:
     What is ignored stays ignored, such as SIGHUP below ``nohup``.
     """
 
-    def __init__(self, console: Console):
-        """Nothing is requested yet."""
-        self._console = console
+    def __init__(
+        self,
+        console: Console,
+        said: str = "Ending after this step and writing everything; Ctrl-C again to quit at once.",
+    ):
+        """Nothing is requested yet; ``said`` is printed at the first signal."""
+        self._console, self._said = console, said
         self._requested = False
 
     def __enter__(self) -> Interrupt:
@@ -168,6 +172,11 @@ class Interrupt:
     def __exit__(self, *_: object) -> None:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
+
+    @property
+    def is_requested(self) -> bool:
+        """Whether the end of the run was asked for."""
+        return self._requested
 
     def on_event(self, event: object) -> bool:
         """Whether the end of the run was asked for; see :class:`anm_mj.events.Observer`."""
@@ -181,4 +190,4 @@ class Interrupt:
             # The terminal is gone: what is written to it from now on would end the program before the files.
             nowhere = open(os.devnull, "w")  # noqa: SIM115
             self._console.file = sys.stdout = sys.stderr = nowhere
-        self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")
+        self._console.print(self._said)

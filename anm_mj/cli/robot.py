@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.command_line import Report
 from anm_mj.cli.option_types import NewFile, Settings, require_ending
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ _CLOSE = 0.05
 """Share of a motion that may be missing, or that wheels may slip, without a remark."""
 
 
-def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = None) -> int:
+def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = None) -> Report:
     """Print what is understood of a robot, drive it, and draw it.
 
     The exit status is 1 where the robot does not drive.
@@ -49,7 +50,18 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     out = out or Path(f"{found.name}_check.png")
     save_picture_row(out, images, SIDES)
     console.say(f"picture: {out}")
-    return say_problems(problems(found, test))
+    wrong = problems(found, test)
+    facts = robot_facts(found) | {"drive": test, "problems": wrong, "picture": out}
+    return Report(facts, say_problems(wrong))
+
+
+def robot_facts(robot: RobotDescription) -> dict[str, Any]:
+    """What ``--json`` says of a robot."""
+    names = (
+        "name kind mass_kg wheel_joints wheel_radius_m track_m track_scale max_wheel_radps footprint camera fovy_deg "
+        "T_base_camera centre_of_mass_m locked key_frame notes"
+    )
+    return {name: getattr(robot, name) for name in names.split()}
 
 
 def describe(robot: RobotDescription, test: DriveTrial) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from rich.table import Table
 
+from anm_mj.cli.command_line import Report
 from anm_mj.cli.console import PlainConsole
 from anm_mj.evaluation.metrics import Metrics
 
@@ -45,12 +47,12 @@ def print_tracking(console: PlainConsole, metrics: Mapping[str, Any]) -> None:
     console.say("; ".join(parts) + ".")
 
 
-def print_metrics(console: PlainConsole, metrics: Metrics, folder: Path) -> None:
-    """Print the metrics of a run as a table, and where it lies."""
+def report_metrics(console: PlainConsole, metrics: Metrics, folder: Path, status: int = 0) -> Report:
+    """Print the metrics of a run as a table, and where it lies; both as a report with an exit status."""
     table = Table(box=None, show_header=False)
     for label, value, unit in (
-        ("completion ratio (< 5 cm)", metrics.completion_ratio, "%"),
         ("completion ratio, observable", metrics.observable_ratio, "%"),
+        ("completion ratio (< 5 cm)", metrics.completion_ratio, "%"),
         ("completion (capped at 1 m)", metrics.completion_cm, "cm"),
         ("mesh accuracy", metrics.accuracy_cm, "cm"),
         ("mesh completion ratio (< 5 cm)", metrics.mesh_completion_ratio, "%"),
@@ -76,3 +78,4 @@ def print_metrics(console: PlainConsole, metrics: Metrics, folder: Path) -> None
     table.add_row("stop reason", metrics.stop_reason or "killed", "")
     console.print(table)
     print_folder(console, folder)
+    return Report({"folder": folder, **dataclasses.asdict(metrics)}, status)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from anm_mj.cli.command_line import Option
+from anm_mj.cli.command_line import Option, Report
 from anm_mj.cli.option_types import Count
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def scene_import(
     settle: bool = False,
     movable: bool = False,
     groups: Annotated[list[int] | None, Option("N,N,...", _groups)] = None,
-) -> int:
+) -> Report:
     """Turn a mesh, a Gazebo or MuJoCo world, a scan or a floor plan into a scene folder.
 
     Args:
@@ -115,7 +115,7 @@ def scene_generate(
     name: str | None = None,
     moved: Count = 0,
     force: bool = False,
-) -> int:
+) -> Report:
     """Generate a furnished building.
 
     Args:
@@ -139,17 +139,29 @@ def scene_generate(
     )
 
 
-def _say_made(scene: Scene, facts: str, out: Path) -> int:
-    """Print what was made, and remember where; the exit status of success."""
+def _say_made(scene: Scene, facts: str, out: Path) -> Report:
+    """Print what was made, and remember where."""
     from anm_mj.cli.console import PlainConsole
     from anm_mj.scene.folder import remember_folder
 
     remember_folder(scene.folder)
     PlainConsole().say(f"{scene.name}: {facts}. Explore it: anm-mj explore {out}")
-    return 0
+    return Report(scene_facts(scene))
 
 
-def scene_list() -> int:
+def scene_facts(scene: Scene) -> dict[str, Any]:
+    """What ``--json`` says of a scene."""
+    return {
+        "name": scene.folder.resolve().name,
+        "rooms": scene.rooms,
+        "size_m": scene.bounds_m[1] - scene.bounds_m[0],
+        "triangles": scene.num_triangles,
+        "licence": scene.licence,
+        "folder": scene.folder.resolve(),
+    }
+
+
+def scene_list() -> Report:
     """List the scenes that can be named."""
     from rich.table import Table
 
@@ -158,7 +170,8 @@ def scene_list() -> int:
 
     table = Table("name", "rooms", "size [m]", "triangles", "licence", box=None)
     table.add_column("folder", overflow="fold")
-    for scene in list_scenes():
+    scenes = list_scenes()
+    for scene in scenes:
         size = scene.bounds_m[1] - scene.bounds_m[0]
         rooms = "" if scene.rooms is None else str(scene.rooms)
         extent = " x ".join(f"{length:.1f}" for length in size)
@@ -167,4 +180,4 @@ def scene_list() -> int:
         # A scene is found by its folder's name; what it calls itself may be anything.
         table.add_row(folder.name, rooms, extent, str(scene.num_triangles), scene.licence, str(shown))
     PlainConsole().print(table)
-    return 0
+    return Report([scene_facts(scene) for scene in scenes])

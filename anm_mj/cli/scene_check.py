@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.command_line import Report
 from anm_mj.cli.option_types import NewFile, require_ending
+from anm_mj.cli.scene import scene_facts
 
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
@@ -17,7 +19,7 @@ _MAX_ONE_SIDED = 0.001
 """Back-face culling is disabled where it changes more than this share of the pixels."""
 
 
-def scene_check(scene: str, *, out: NewFile | None = None) -> int:
+def scene_check(scene: str, *, out: NewFile | None = None) -> Report:
     """Check whether the robot can use a scene, and draw a contact sheet.
 
     Args:
@@ -63,7 +65,25 @@ def scene_check(scene: str, *, out: NewFile | None = None) -> int:
     shown = poses[:VIEWS]
     write_sheet(check, views.top_view(), views.top_corners_m, CUT_M, views.interior_views(shown), shown, out)
     console.say(f"contact sheet: {out}")
-    return say_problems(check.problems)
+    facts = check_facts(check) | {"views": backfaces, "sheet": out}
+    return Report(facts, say_problems(check.problems))
+
+
+def check_facts(check: SceneCheck) -> dict[str, Any]:
+    """What ``--json`` says of a check; poses in world axes."""
+    plan = check.plan
+    return scene_facts(check.scene) | {
+        "has_ceiling": check.scene.has_ceiling,
+        "floor_m": check.floor_m,
+        "textures_px": check.texture_sizes_px,
+        "navigable_m2": None if check.area is None else check.area.area_m2,
+        "rooms_m2": None if plan is None else plan.area_m2,
+        "doors": None if plan is None else plan.doors,
+        "holes_x_y_m2": check.holes,
+        "clear_starts": check.clear_starts,
+        "blocked_starts": check.blocked_starts,
+        "problems": check.problems,
+    }
 
 
 def describe(check: SceneCheck) -> list[str]:

@@ -10,6 +10,7 @@ from anm_mj.cli.option_types import NewFile, Port
 
 def view(
     run: Path,
+    other: Path | None = None,
     *,
     export_html: NewFile | None = None,
     port: Port | None = None,
@@ -22,6 +23,7 @@ def view(
 
     Args:
         run: a run folder
+        other: a second one, to be shown beside the first: step and view move together
         export_html: write the page to a file instead of showing it
         port: first port to try; by default 7000
         no_browser: print the address only
@@ -32,22 +34,26 @@ def view(
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
     from anm_mj.io.write import writing
-    from anm_mj.replay.page import replay_page
+    from anm_mj.replay.page import pair_page, replay_page
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import write_text
     from anm_mj.viz.file_server import FIRST_PORT, FileServer
 
     console = PlainConsole()
-    timeline = read_timeline(run)
-    with progress_bar(console, "reading the run") as on_progress:
-        page = replay_page(timeline, scene, on_progress)
+    timelines = [read_timeline(path) for path in (run, other) if path is not None]
+    pages = []
+    for timeline in timelines:
+        with progress_bar(console, f"reading {timeline.run.folder.path.name}") as on_progress:
+            pages.append(replay_page(timeline, scene, on_progress))
+    titles = [timeline.title for timeline in timelines]
+    page = pages[0] if other is None else pair_page(titles, pages)
     if export_html is not None:
         with writing(export_html):
             write_text(export_html, page)
         console.say(f"Wrote {export_html} ({len(page) / 1e6:.1f} MB).")
         return 0
     with FileServer(page.encode(), port or FIRST_PORT) as server:
-        console.say(f"The replay is at {server.url}; Ctrl-C ends.")
+        console.say(f"The replay is at {server.url} (Ctrl-C ends).")
         if not no_browser:
             webbrowser.open(server.url)
         with suppress(KeyboardInterrupt):

@@ -51,21 +51,21 @@ class CompletionCurve:
 
     def __init__(
         self,
-        truth: GroundTruth,
+        truth: GroundTruth | None,
         before_m: Float32[np.ndarray, " n"] | None = None,
         num_threads: int | None = None,
     ) -> None:
         """Start with what was covered before.
 
         Args:
-            truth: The true surface.
+            truth: The true surface; None where nobody knows it: there are no rows then.
             before_m: Distance of each of its samples to the nearest depth point of the runs that this one goes on from
                 [m]; None for a run that began with nothing.
             num_threads: Threads to search with; None = as many as usual. The rows do not depend on it.
         """
         self.rows: list[CurveRow] = []
-        self._coverage = Coverage(truth.samples, truth.observable, before_m, num_threads)
-        self.before: Completion | None = None if before_m is None else self._coverage.completion()
+        self._coverage = None if truth is None else Coverage(truth.samples, truth.observable, before_m, num_threads)
+        self.before: Completion | None = self._coverage and (None if before_m is None else self._coverage.completion())
         """What was covered before the first frame; None for a run that began with nothing."""
         self._step: int | None = None
         self._pose: Pose2 | None = None
@@ -76,7 +76,7 @@ class CompletionCurve:
     @property
     def distance_m(self) -> Float[np.ndarray, " n"]:
         """Distance of every sample to the nearest depth point [m]; infinite from 1 m on."""
-        return self._coverage.distance_m
+        return np.zeros(0) if self._coverage is None else self._coverage.distance_m
 
     def frame(
         self,
@@ -97,7 +97,8 @@ class CompletionCurve:
             pose: Pose of the base.
             believed: Where the robot thought that its base was; None where that was the same, or it did not know.
         """
-        self._coverage.add(depth_mm, intrinsics, T_world_camera)
+        if self._coverage is not None:
+            self._coverage.add(depth_mm, intrinsics, T_world_camera)
         if self._pose is not None:
             self.path_m += math.dist(self._pose.xy_m, pose.xy_m)
         self._step, self._pose, self._believed = step, pose, believed
@@ -109,7 +110,9 @@ class CompletionCurve:
             return None
         return self._row(self._step)
 
-    def _row(self, step: int) -> CurveRow:
+    def _row(self, step: int) -> CurveRow | None:
+        if self._coverage is None:
+            return None
         now = self._coverage.completion()
         row = CurveRow(
             step, now.ratio_percent, now.completion_cm, now.observable_ratio_percent, self.path_m, *self._pose_error()

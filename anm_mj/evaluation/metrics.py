@@ -212,7 +212,7 @@ def summarise(
     statistics: EpisodeStatistics,
     curve: CompletionCurve,
     uncapped_cm: float | None,
-    truth: GroundTruth,
+    truth: GroundTruth | None,
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     summary: RunSummary,
     views: Mapping[str, Any] | None = None,
@@ -224,8 +224,8 @@ def summarise(
         statistics: Sums over its steps.
         curve: Its completion curve, finished.
         uncapped_cm: Completion without a cap [cm].
-        truth: The true surface.
-        mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh.
+        truth: The true surface; None where nobody knows it.
+        mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh, or a truth.
         summary: Facts that only the running program knows.
         views: Quality of the map on novel and fixed views, as :func:`view_metrics` has it; None if not measured.
         trajectory: Errors of the trajectory by the keys of ``metrics.json``; None for true poses.
@@ -237,7 +237,7 @@ def summarise(
         completion_cm=last and last.completion_cm,
         observable_ratio=last and last.observable_ratio,
         completion_uncapped_cm=uncapped_cm,
-        observable_share=None if truth.observable is None else 100.0 * float(truth.observable.mean()),
+        observable_share=None if truth is None or truth.observable is None else 100.0 * float(truth.observable.mean()),
         completion_ratio_before=before and before.ratio_percent,
         observable_ratio_before=before and before.observable_ratio_percent,
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},

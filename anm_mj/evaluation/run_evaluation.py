@@ -123,14 +123,15 @@ def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeSt
     Raises:
         RunFolderError: The manifest is damaged, or a file cannot be written.
     """
-    from anm_mj.viz.plots import draw_curve  # No run waits for matplotlib before its first step.
+    # No run waits for matplotlib before its first step.
+    from anm_mj.viz.figure_file import save_figure
+    from anm_mj.viz.plots import curve_figure
 
     before = curve.before
     with writing(folder.path):
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         write_text(folder.curve, "\n".join(lines) + "\n")
-        draw_curve(
-            folder.curve_picture,
+        figure = curve_figure(
             np.array([row.step for row in curve.rows], dtype=np.int64),
             np.array([row.completion_ratio for row in curve.rows], dtype=np.float64),
             # None becomes NaN.
@@ -139,6 +140,7 @@ def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeSt
             title=titled(folder, pictured(curve, statistics)),
             before_ratio=None if before is None else before.ratio_percent,
         )
+        save_figure(figure, folder.curve_picture)
 
 
 def quality_of_mesh(

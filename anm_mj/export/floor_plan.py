@@ -99,6 +99,33 @@ def export_geojson(run: Run, out: Path) -> list[Path]:
     return [path]
 
 
+def export_route(run: Run, out: Path) -> list[Path]:
+    """``route.geojson``: the Voronoi graph as nav2's route server loads it, each edge in both directions.
+
+    Edges cost their length [m]. Vertices that no edge reaches are left out.
+
+    Raises:
+        RunFolderError: The run has no graph, the graph has no edge, or the file cannot be written.
+    """
+    graph = _graph_of(run)
+    if not len(graph.edges):
+        raise RunFolderError(f"The Voronoi graph of {run.folder.path} has no edge, and no route is in it.")
+    xy = graph.vertex_xy_m
+    nodes = np.unique(graph.edges).tolist()
+    features = [_feature("Point", xy[k], id=k, frame="map") for k in nodes]
+    both = np.concatenate([graph.edges, graph.edges[:, ::-1]]).tolist()
+    # No edge has the number of a vertex.
+    features += [
+        _feature("MultiLineString", [[xy[a], xy[b]]], id=len(xy) + number, startid=a, endid=b, cost=length)
+        for number, ((a, b), length) in enumerate(zip(both, np.tile(graph.edge_length_m, 2), strict=True))
+    ]
+    path = out / "route.geojson"
+    with writing(path):
+        whole = {"type": "FeatureCollection", "name": "graph", "features": features}
+        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
+    return [path]
+
+
 def survey_of(run: Run) -> PlanRecord:
     """Top-down map, graph and regions of the final map; of the last decision where the run did not end.
 

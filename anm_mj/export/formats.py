@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from anm_mj.errors import RunFolderError
+from anm_mj.errors import MapError, RunFolderError
 from anm_mj.utils.close_names import close_name
+from anm_mj.utils.extras import install
 
 
 @dataclass(frozen=True)
@@ -22,8 +25,8 @@ class Format:
     """What it writes."""
     long: bool = False
     """Whether the function also takes ``on_progress``."""
-    extra: bool = False
-    """Whether it needs a package that is not installed by default; left out of ``all``."""
+    package: str = ""
+    """The module that it needs and that is not installed by default."""
 
 
 FORMATS = {
@@ -39,11 +42,13 @@ FORMATS = {
     "geojson": Format("floor_plan.export_geojson", "graph, regions and trajectory"),
     "sdf": Format("volume.export_sdf", "signed distances as a volume: sdf.npz", long=True),
     "esdf": Format("volume.export_esdf", "a slice of the Euclidean distance field: esdf.npz", long=True),
+    "route": Format("floor_plan.export_route", "the Voronoi graph for nav2's route server: route.geojson"),
     "figures": Format("figures.export_figures", "top-down map and curve as PNG, PDF and SVG"),
-    "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, extra=True),
-    "rosbag": Format("rosbag.export_rosbag", "everything over time: a ROS 2 bag", long=True, extra=True),
+    "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, package="mcap"),
+    "rosbag": Format("rosbag.export_rosbag", "everything over time: a ROS 2 bag", long=True, package="rosbags"),
 }
 ALL = "all"
+_logger = logging.getLogger(__name__)
 
 
 def export_run(
@@ -56,7 +61,8 @@ def export_run(
 
     Args:
         run: The run folder.
-        names: Names of formats, or ``all`` for those that need no further package.
+        names: Names of formats, or ``all`` for every one whose package is installed and of which the run has what it
+            needs; the others are named in the log.
         out: Folder to write into; None = ``export`` in the run folder.
         on_progress: Called with the format's name and what is done and in all.
 
@@ -67,7 +73,9 @@ def export_run(
         RunFolderError: There is no such format, the run lacks what it needs, or the folder cannot be written.
         MapError: The run's map cannot be read.
     """
-    chosen = list(dict.fromkeys(each for name in names for each in _expanded(name)))
+    for name in names:
+        _require_known(name)
+    chosen = list(dict.fromkeys(each for name in names for each in (FORMATS if name == ALL else (name,))))
     # Here, not above: the command line asks for the names of the formats alone.
     from anm_mj.io.read_run import read_run
     from anm_mj.io.run_folder import refuse_links
@@ -89,15 +97,19 @@ def export_run(
         options: dict[str, Any] = {}
         if entry.long:
             options["on_progress"] = lambda done, total, name=name: on_progress(name, done, total)
-        written += getattr(import_module(f"anm_mj.export.{module}"), function)(record, out, **options)
+        try:
+            if entry.package and find_spec(entry.package) is None:
+                raise RunFolderError(install(entry.package))
+            written += getattr(import_module(f"anm_mj.export.{module}"), function)(record, out, **options)
+        except (RunFolderError, MapError) as err:
+            if name in names:
+                raise
+            _logger.warning("Left out: %s. %s", name, err)
     return written
 
 
-def _expanded(name: str) -> list[str]:
-    if name == ALL:
-        return [each for each, entry in FORMATS.items() if not entry.extra]
-    if name not in FORMATS:
+def _require_known(name: str) -> None:
+    if name not in (*FORMATS, ALL):
         raise RunFolderError(
             f"There is no format '{name}'{close_name(name, (*FORMATS, ALL))}; choose from {', '.join((*FORMATS, ALL))}."
         )
-    return [name]

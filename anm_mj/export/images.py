@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from anm_mj.io.read_run import Run
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics
+
+_logger = logging.getLogger(__name__)
 
 DEPTH_PIXELS = "first of each block"
 """Which pixels of an image its smaller depth holds; see :mod:`anm_mj.ground_truth.reduced_depth`."""
@@ -107,6 +110,15 @@ def image_intrinsics(run: Run) -> Intrinsics:
 def _with_images(run: Run, folder: Path) -> Intrinsics:
     """Copy the images of a run, and give their intrinsics."""
     camera = image_intrinsics(run)
+    if camera.width < run.intrinsics.width:
+        _logger.warning(
+            "The images have %d x %d pixels of %d x %d, which is little to reconstruct from; explore with "
+            "--keep-images.",
+            camera.width,
+            camera.height,
+            run.intrinsics.width,
+            run.intrinsics.height,
+        )
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for frame in run.frames:

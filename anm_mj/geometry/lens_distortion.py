@@ -137,15 +137,25 @@ class Undistortion:
 
 
 @functools.lru_cache(maxsize=2)
-def undistortion(camera: Intrinsics, distortion: LensDistortion) -> Undistortion:
-    """What takes a camera's distortion out of its images; made once per camera."""
+def undistortion(
+    camera: Intrinsics, distortion: LensDistortion | None, source: Intrinsics | None = None
+) -> Undistortion:
+    """What takes distortion out of images; made once per camera.
+
+    Args:
+        camera: Of the images that come out.
+        distortion: Of the others; None = none.
+        source: Their camera, of the same size; None = the same.
+    """
+    source = source or camera
     col, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     xy = np.stack(((col - camera.cx) / camera.fx, (row - camera.cy) / camera.fy), axis=-1)
-    bent = distortion.distorted(xy)
-    u, v = bent[..., 0] * camera.fx + camera.cx - 0.5, bent[..., 1] * camera.fy + camera.cy - 0.5
+    bent = xy if distortion is None else distortion.distorted(xy)
+    u, v = bent[..., 0] * source.fx + source.cx - 0.5, bent[..., 1] * source.fy + source.cy - 0.5
     radius = np.hypot(xy[..., 0], xy[..., 1])
     inside = (u > -0.5) & (v > -0.5) & (u < camera.width - 0.5) & (v < camera.height - 0.5)
-    inside &= radius <= distortion.farthest(float(radius.max()))
+    if distortion is not None:
+        inside &= radius <= distortion.farthest(float(radius.max()))
     u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
     nearest = np.rint(v).astype(np.int64) * camera.width + np.rint(u).astype(np.int64)
     left, top = np.floor(u), np.floor(v)

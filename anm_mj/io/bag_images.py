@@ -54,12 +54,13 @@ def colour_image(message: Any) -> UInt8[np.ndarray, "h w 3"]:
     return np.ascontiguousarray(pixels[..., COLOUR_CHANNELS[message.encoding]])
 
 
-def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
+def depth_image(message: Any, unit_m: float, *, far: bool = False) -> Float32[np.ndarray, "h w"]:
     """Planar depth of a message [m]; NaN where nothing was measured, or what no camera sees.
 
     Args:
         message: Image of encoding 16UC1, mono16 or 32FC1 (metres), or compressed depth.
         unit_m: Metres per unit of 16-bit values.
+        far: Whether +inf, which REP 118 gives to what lies beyond the range, is kept.
 
     Raises:
         ValueError: The data do not fit the message's size, or are no picture.
@@ -76,7 +77,8 @@ def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
             depth_m = raw.astype(np.float32) * np.float32(1.0 if message.encoding == "32FC1" else unit_m)
         if message.encoding != "32FC1":
             depth_m[is_sentinel(raw)] = np.nan
-    return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
+    kept = (depth_m > 0.0) & (depth_m <= FARTHEST_M)
+    return np.where(kept | (far & np.isposinf(depth_m)), depth_m, np.float32(np.nan))
 
 
 def _compressed_depth(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageOps
 
 from anm_mj.errors import RunFolderError
-from anm_mj.utils.picture import open_picture
+from anm_mj.utils.picture import MAX_MEGAPIXELS, open_picture
+from anm_mj.utils.read_file import open_regular
 
 DEPTH_MODES = ("I", "F", "I;16", "I;16B", "I;16L", "I;16N")
 """What PIL calls images of one channel with more than 8 bits."""
 
 
-def read_image(path: Path, mode: str | None = None) -> np.ndarray:
+def read_image(path: Path, mode: str | None = None, *, turned: bool = False) -> np.ndarray:
     """Read an image as an array (rows, columns[, channels]).
 
     Args:
         path: Image file.
         mode: PIL mode to convert to, such as ``RGB``; None = that of a depth image.
+        turned: Whether it is turned as its EXIF orientation says.
 
     Raises:
         RunFolderError: The image is missing or damaged, or no depth image.
@@ -28,9 +31,31 @@ def read_image(path: Path, mode: str | None = None) -> np.ndarray:
         with open_picture(path) as image:
             if mode is None:
                 require_depth(image)
-            return np.asarray(image.convert(mode) if mode else image)
+            upright = ImageOps.exif_transpose(image) if turned else image
+            return np.asarray(upright.convert(mode) if mode else upright)
     # A decoder raises SyntaxError for a damaged PNG.
     except (OSError, SyntaxError, ValueError) as err:
+        raise RunFolderError(f"{path} cannot be read ({err}); copy it again.") from err
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """The first channel of an OpenEXR image: depth in metres.
+
+    Raises:
+        RunFolderError: The package OpenEXR is missing, or the image is damaged.
+    """
+    try:
+        import OpenEXR  # pyright: ignore[reportMissingImports] - optional
+    except ImportError as err:
+        raise RunFolderError(f"{path} needs the package OpenEXR: pip install 'anm-mj[exr]'.") from err
+    try:
+        open_regular(path).close()
+        low, high = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
+        if math.prod(int(pixels) for pixels in np.abs(high - low)) > MAX_MEGAPIXELS * 1e6:
+            raise ValueError(f"it has more than {MAX_MEGAPIXELS:g} megapixels")
+        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+        return next(iter(channels.values())).pixels
+    except (OSError, ValueError, RuntimeError, KeyError, StopIteration) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); copy it again.") from err
 
 

@@ -7,12 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.matrix_sequence import read_scannet, read_seven_scenes
+from anm_mj.io.matrix_sequence import read_open3d, read_scannet, read_seven_scenes
 from anm_mj.io.nerfstudio_sequence import read_nerfstudio
 from anm_mj.io.own_sequence import read_sequence
+from anm_mj.io.phone_sequence import read_polycam, read_record3d, read_stray
 from anm_mj.io.read_run import read_run
 from anm_mj.io.replica_sequence import read_replica
 from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.io.timed_sequence import read_arkitscenes, read_icl
 from anm_mj.io.tum_sequence import read_tum
 
 
@@ -45,13 +47,17 @@ class Layout:
     """How a kind of sequence is recognised and read."""
 
     sign: str
-    """A file that only this layout has."""
+    """A file that only this layout has; alternatives between bars, asterisks for any letters."""
     read: Callable[[Path, Times], Sequence]
     """From its folder."""
     unposed: str | None = None
     """A file that it has even without poses; None = it always has them."""
     ours: bool = False
     """Whether the floor is at z = 0 by definition."""
+    up: str = "z"
+    """Axis of its world that points up."""
+    needs: tuple[str, ...] = ()
+    """What else has to be there; alternatives between bars."""
 
     @property
     def signs(self) -> tuple[str, str]:
@@ -64,6 +70,11 @@ class Layout:
         return self.unposed or self.sign
 
 
+def is_there(folder: Path, names: str) -> bool:
+    """Whether a folder has a file of one of the names."""
+    return any(next(folder.glob(name), None) is not None for name in names.split("|"))
+
+
 LAYOUTS = {
     "run": Layout("frames.jsonl", lambda folder, _: _run(folder), ours=True),
     "anm-mj": Layout(
@@ -72,9 +83,55 @@ LAYOUTS = {
         "camera.json",
         ours=True,
     ),
-    "tum": Layout("groundtruth.txt", lambda folder, times: read_tum(folder, **asdict(times)), "depth.txt"),
+    "tum": Layout(
+        "groundtruth.txt",
+        lambda folder, times: read_tum(folder, **asdict(times)),
+        "depth.txt",
+        needs=("rgb.txt", "depth.txt"),
+    ),
     "nerfstudio": Layout("transforms.json", lambda folder, _: read_nerfstudio(folder)),
     "replica": Layout("traj.txt", lambda folder, _: read_replica(folder)),
-    "7scenes": Layout("frame-000000.pose.txt", lambda folder, _: read_seven_scenes(folder)),
-    "scannet": Layout("intrinsic/intrinsic_depth.txt", lambda folder, _: read_scannet(folder)),
+    "7scenes": Layout(
+        "frame-*.pose.txt",
+        lambda folder, _: read_seven_scenes(folder),
+        needs=("frame-*.color.png", "frame-*.depth.png"),
+    ),
+    "scannet": Layout(
+        "intrinsic/intrinsic_depth.txt", lambda folder, _: read_scannet(folder), needs=("color", "depth", "pose")
+    ),
+    "stray": Layout(
+        "odometry.csv",
+        lambda folder, _: read_stray(folder),
+        up="y",
+        needs=("camera_matrix.csv", "depth", "rgb|rgb.mp4"),
+    ),
+    "polycam": Layout(
+        "keyframes/cameras",
+        lambda folder, _: read_polycam(folder),
+        up="y",
+        needs=("keyframes/images", "keyframes/depth"),
+    ),
+    "record3d": Layout(
+        "metadata.json|EXR_RGBD/metadata.json",
+        lambda folder, _: read_record3d(folder),
+        up="y",
+        needs=("rgb|EXR_RGBD/rgb", "depth|EXR_RGBD/depth"),
+    ),
+    "arkitscenes": Layout(
+        "lowres_wide.traj",
+        lambda folder, times: read_arkitscenes(folder, match_s=times.match_s, max_gap_s=times.max_gap_s),
+        needs=("lowres_wide", "lowres_depth", "lowres_wide_intrinsics"),
+    ),
+    "icl": Layout(
+        "*.gt.freiburg",
+        lambda folder, times: read_icl(folder, max_gap_s=times.max_gap_s),
+        up="y",
+        needs=("associations.txt", "rgb", "depth"),
+    ),
+    "open3d": Layout(
+        "trajectory.log|scene/trajectory.log",
+        lambda folder, _: read_open3d(folder),
+        up="-y",
+        needs=("color|image|rgb", "depth"),
+    ),
 }

@@ -1,20 +1,29 @@
-"""Reads sequences with a file of 4 x 4 numbers for each pose: 7-Scenes, and what ScanNet's exporter writes."""
+"""Reads sequences whose poses are 4 x 4 numbers: 7-Scenes, what ScanNet's exporter writes, and Open3D's."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
+from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.image import read_image
+from anm_mj.io.read_run import read_json
+from anm_mj.io.run_shapes import Number, Pixels
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_below, require_count
-from anm_mj.io.sequence_text import in_number_order, number_rows
+from anm_mj.io.sequence_text import in_number_order, number_rows, rows
+from anm_mj.utils.read_file import convert
 
 _UNIT_M = 0.001
 _KINECT = (585.0, 585.0, 319.5, 239.5)
 """fx, fy, cx, cy [px] of the depth camera of 7-Scenes, from its documentation."""
+_PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
+"""The same of the camera that Open3D takes where none is given."""
+_LOG_NUMBERS = 19
+"""Of a pose in ``trajectory.log``."""
 
 
 def read_seven_scenes(folder: Path) -> Sequence:
@@ -52,6 +61,60 @@ def read_scannet(folder: Path) -> Sequence:
     return Sequence(
         folder, from_pixel_centres(width, height, camera), _UNIT_M, frames, resize=True, left_out=(left_out,)
     )
+
+
+class _Open3dCamera(Struct):
+    """A camera as Open3D writes it."""
+
+    width: Pixels
+    height: Pixels
+    intrinsic_matrix: Annotated[list[Number], Meta(min_length=9, max_length=9)]
+    """Column by column."""
+    depth_scale: Annotated[float, Meta(gt=0.0, le=1e9)] = 1.0 / _UNIT_M
+    """Units of depth per metre."""
+
+
+def read_open3d(folder: Path) -> Sequence:
+    """The frames of Open3D's reconstruction system: ``trajectory.log``, ``color/`` or the like, and ``depth/``.
+
+    The camera is that of ``camera_intrinsic.json`` or of another file with ``intrinsic`` in its name.
+
+    Raises:
+        OSError, ValueError, RunFolderError: the camera or the poses are damaged, or no frame is whole.
+    """
+    log = folder / "trajectory.log"
+    log = log if log.exists() else folder / "scene" / log.name
+    numbers = np.array([float(word) for line in rows(log) for word in line.split()])
+    # Each pose stands behind a line of three whole numbers.
+    if not len(numbers) or len(numbers) % _LOG_NUMBERS:
+        raise ValueError(f"{log.name} holds {len(numbers)} numbers, not {_LOG_NUMBERS} for each pose")
+    poses = numbers.reshape(-1, _LOG_NUMBERS)[:, 3:].reshape(-1, 4, 4)
+    require_count(len(poses))
+    place = next((folder / name for name in ("color", "image", "rgb") if (folder / name).is_dir()), folder / "color")
+    colours, depths = (
+        sorted((path for path in one.iterdir() if path.is_file()), key=lambda path: in_number_order(path.name))
+        for one in (place, folder / "depth")
+    )
+    count = max(len(colours), len(depths), len(poses))
+    frames = tuple(
+        Frame(index * FRAME_S, colour, depth, pose)
+        for index, (colour, depth, pose) in enumerate(zip(colours, depths, poses, strict=False))
+    )
+    left_out = LeftOut(
+        count - len(frames),
+        count,
+        f"there are {len(colours)} colour images, {len(depths)} depth images and {len(poses)} poses",
+    )
+    if not frames:
+        raise RunFolderError(f"{folder} holds no frame that has colour, depth and a pose.")
+    stated = sorted(folder.glob("*intrinsic*.json"))
+    if not stated:
+        camera = from_pixel_centres(*_size(folder, frames), _PRIMESENSE)
+        return Sequence(folder, camera, _UNIT_M, frames, resize=True, assumes_camera=True, left_out=(left_out,))
+    said = convert(read_json(stated[0]), _Open3dCamera)
+    k = said.intrinsic_matrix
+    camera = from_pixel_centres(said.width, said.height, (k[0], k[4], k[6], k[7]))
+    return Sequence(folder, camera, 1.0 / said.depth_scale, frames, resize=True, left_out=(left_out,))
 
 
 def _frames(folder: Path, files: list[tuple[Path, Path, Path]]) -> tuple[tuple[Frame, ...], LeftOut]:

@@ -57,6 +57,8 @@ def write_plan(path: Path, record: PlanRecord) -> None:
             "resolution_m": np.float64(record.topdown.resolution_m),
             "origin_xy_m": record.topdown.origin_xy_m,
         }
+        if record.topdown.no_floor is not None and record.topdown.no_floor.any():
+            arrays["no_floor"] = record.topdown.no_floor
     if record.graph is not None:
         arrays |= {
             "vertex_xy_m": record.graph.vertex_xy_m.astype(np.float32),
@@ -112,7 +114,8 @@ def _topdown(arrays: dict[str, np.ndarray]) -> TopDownMap | None:
     origin_xy_m = array_of(arrays, "origin_xy_m", "f", (2,))
     if np.abs(origin_xy_m).max() > _FARTHEST_M:
         raise ValueError(f"origin_xy_m is {origin_xy_m}")
-    return TopDownMap(clearance_m.astype(np.float32), state, resolution_m, origin_xy_m)
+    no_floor = array_of(arrays, "no_floor", "b", state.shape) if "no_floor" in arrays else None
+    return TopDownMap(clearance_m.astype(np.float32), state, resolution_m, origin_xy_m, no_floor=no_floor)
 
 
 def _graph(arrays: dict[str, np.ndarray]) -> VoronoiGraph | None:

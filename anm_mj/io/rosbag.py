@@ -184,54 +184,48 @@ class _Bag(BagMotion):
             return Intrinsics(cols, rows, *self.camera), None
         there = self.of_type(_CALIBRATION)
         beside = [
-            topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in _folders(images)
+            topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in image_folders(images)
         ]
         same = [topic for topic in there if self.first(topic).header.frame_id == camera_frame]
-        topic = self.chosen("camera", there, beside[:1] or same)
+        topic = self._taken_calibration(self.chosen("camera", there, beside[:1] or same), beside)
         found = self.first(topic)
-        self._say_other_calibrations(topic, found, [each for each in beside if each != topic])
         if self.changes(topic):
             raise RunFolderError(
                 f"{topic} in {self.path} changes in the course of the bag, but a sequence has one camera; give it by "
                 "--camera FX,FY,CX,CY."
             )
-        # A bag of ROS 1 has upper-case names.
-        matrix = np.asarray(found.k if hasattr(found, "k") else found.K, np.float64).reshape(3, 3)
-        if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and found.width > 0 and found.height > 0):
-            raise RunFolderError(f"The calibration in {self.path} is empty; give it by --camera FX,FY,CX,CY.")
-        region = found.roi
-        if (region.width, region.height) not in ((0, 0), (found.width, found.height)):
+        try:
+            return calibration(found, topic, rectified="rect" in depth.rpartition("/")[2])
+        except ValueError as err:
             raise RunFolderError(
-                f"{topic} in {self.path} says that images are a region of {region.width} x {region.height} pixels of "
-                f"{found.width} x {found.height}; give their own camera by --camera FX,FY,CX,CY."
-            )
-        bent = None
-        if "rect" not in depth.rpartition("/")[2]:
-            coefficients = np.asarray(found.d if hasattr(found, "d") else found.D, np.float64).tolist()
-            try:
-                bent = LensDistortion.of(found.distortion_model or "plumb_bob", coefficients, f"by {topic}")
-            except ValueError as err:
-                raise RunFolderError(f"{topic} in {self.path}: {err}; record rectified images.") from err
-        # ROS measures the principal point from the centre of the first pixel.
-        fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
-        return Intrinsics(int(found.width), int(found.height), float(fx), float(fy), float(cx), float(cy)), bent
+                f"{self.path}: {err}; give it by --camera FX,FY,CX,CY, or record rectified images."
+            ) from err
 
-    def _say_other_calibrations(self, topic: str, taken: Any, others: list[str]) -> None:
-        """Warn where the calibration beside colour and that beside depth tell of different cameras."""
-        for other in others:
+    def _taken_calibration(self, topic: str, beside: list[str]) -> str:
+        """Of calibrations beside depth and colour that differ, that of the colour, where all are of one frame."""
+        taken = self.first(topic)
+        for other in beside:
             also = self.first(other)
             mine, theirs = (self._focal_and_centre(info) for info in (taken, also))
-            if np.abs(mine - theirs).max() > _SAME_CAMERA * max(taken.width, 1):
-                _logger.warning(
-                    "%s: two calibrations differ, fx, fy, cx, cy = %s px of %s, which is taken, and %s px of %s: if "
-                    "depth is registered to the colour, that of the colour is true (--topic camera=%s).",
-                    self.path,
-                    ", ".join(f"{value:.5g}" for value in mine),
-                    topic,
-                    ", ".join(f"{value:.5g}" for value in theirs),
-                    other,
-                    other,
-                )
+            if np.abs(mine - theirs).max() <= _SAME_CAMERA * max(taken.width, 1):
+                continue
+            # Depth in the frame of the colour is registered to it, and seen by its camera.
+            is_registered = (taken.header.frame_id, taken.width) == (also.header.frame_id, also.width)
+            used, unused = (other, topic) if is_registered and "camera" not in self.topics else (topic, other)
+            _logger.warning(
+                "%s: two calibrations differ, fx, fy, cx, cy = %s px of %s and %s px of %s: %s is taken%s "
+                "(--topic camera=%s for the other).",
+                self.path,
+                _words(mine),
+                topic,
+                _words(theirs),
+                other,
+                used,
+                ", as depth of the colour's frame is seen by the colour's camera" if used == other else "",
+                unused,
+            )
+            return used
+        return topic
 
     def _focal_and_centre(self, info: Any) -> Float[np.ndarray, "4"]:
         # A bag of ROS 1 has upper-case names.
@@ -239,7 +233,37 @@ class _Bag(BagMotion):
         return matrix[[0, 4, 2, 5]]
 
 
-def _folders(topic: str) -> tuple[str, ...]:
+def _words(numbers: Float[np.ndarray, " n"]) -> str:
+    return ", ".join(f"{value:.5g}" for value in numbers)
+
+
+def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, LensDistortion | None]:
+    """The camera of a ``sensor_msgs/CameraInfo``, and its distortion where images are not ``rectified``.
+
+    Raises:
+        ValueError: it is empty, of a part of the image, or of a distortion that is not known.
+    """
+    # A bag of ROS 1 has upper-case names.
+    matrix = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64).reshape(3, 3)
+    if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and info.width > 0 and info.height > 0):
+        raise ValueError(f"the calibration on {topic} is empty")
+    region = info.roi
+    if (region.width, region.height) not in ((0, 0), (info.width, info.height)):
+        raise ValueError(
+            f"{topic} says that images are a region of {region.width} x {region.height} pixels of {info.width} x "
+            f"{info.height}"
+        )
+    bent = None
+    if not rectified:
+        coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, np.float64).tolist()
+        bent = LensDistortion.of(info.distortion_model or "plumb_bob", coefficients, f"by {topic}")
+    # ROS measures the principal point from the centre of the first pixel.
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
+    return Intrinsics(int(info.width), int(info.height), float(fx), float(fy), float(cx), float(cy)), bent
+
+
+def image_folders(topic: str) -> tuple[str, ...]:
+    """Where ``camera_info`` stands beside a topic of images."""
     parent = topic.rpartition("/")[0]
     return (parent, parent.rpartition("/")[0]) if "ompressed" in topic else (parent,)
 

@@ -31,6 +31,13 @@ class Completed(Protocol):
         ...
 
 
+def headline(row: Completed) -> tuple[float, str]:
+    """How complete a run is [%], and of what: of the observable surface where that is known, else of all surface."""
+    if row.observable_ratio is None:
+        return row.completion_ratio, "the surface"
+    return row.observable_ratio, "the observable surface"
+
+
 @dataclass(frozen=True)
 class Surveying:
     """The observable surface is searched for, once per scene and camera."""

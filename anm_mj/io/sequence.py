@@ -19,7 +19,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.camera_checks import FARTHEST_M
-from anm_mj.io.image import is_sentinel, read_image
+from anm_mj.io.image import is_sentinel, read_exr, read_image
 from anm_mj.io.sequence_poses import base_pose
 from anm_mj.types import Intrinsics, Observation
 from anm_mj.utils.file_limits import limit
@@ -49,6 +49,10 @@ class Frame:
     """16-bit PNG in units of ``depth_unit_m``, or ``.npy``, float32 in metres; 0 or NaN where nothing. A function gives
     metres."""
     T_world_camera: Float[np.ndarray, "4 4"]
+    confidence: Path | None = None
+    """8-bit image of the depth's aspect: where it is 0, nothing was measured."""
+    camera: Intrinsics | None = None
+    """Of this frame, where it is another one than the sequence's."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ class Sequence:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def observations(self, *, says_bad: bool = True) -> Iterator[Observation]:
+    def observations(self, *, says_bad: bool = True, start: int = 0) -> Iterator[Observation]:
         """The frames in order; the frame number is the step of the observation.
 
         A frame whose images are missing or damaged, or of another size than the camera's, is left out; at the end a
@@ -107,13 +111,14 @@ class Sequence:
 
         Args:
             says_bad: Whether it does.
+            start: The first frame.
 
         Raises:
             RunFolderError: more than ``max_bad`` of the frames are bad.
         """
         bad: list[int] = []
         first = ""
-        for step, frame in enumerate(self.frames):
+        for step, frame in enumerate(self.frames[start:], start):
             try:
                 observation = self._observation(step, frame)
             except RunFolderError as err:
@@ -140,20 +145,25 @@ class Sequence:
         """One frame; raises RunFolderError."""
         rgb = read_image(frame.colour, "RGB") if isinstance(frame.colour, Path) else frame.colour()
         depth_m = self._depth_m(frame.depth)
-        camera = self.intrinsics
+        if frame.confidence is not None:
+            trust = self._picked(read_image(frame.confidence, "L"), *depth_m.shape)
+            depth_m = np.where(trust > 0, depth_m, np.float32(np.nan))
+        camera, own = self.intrinsics, frame.camera
         if self.resize:
+            if isinstance(frame.colour, Path) and self._is_stretched(*rgb.shape[:2]):
+                rgb = read_image(frame.colour, "RGB", turned=True)
             self._check_shape(step, rgb.shape[:2], depth_m.shape)
             rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
             rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
-            camera = self._scaled(cols, rows)
+            camera, own = self._scaled(camera, cols, rows), None if own is None else self._scaled(own, cols, rows)
         expected = (camera.height, camera.width)
         if depth_m.shape != expected or rgb.shape[:2] != expected:
             raise RunFolderError(
                 f"Frame {step} of {self.path} has depth of {depth_m.shape} and colour of {rgb.shape[:2]} rows and "
                 f"columns; the camera has {expected}."
             )
-        if self.distortion is not None:
-            straight = undistortion(camera, self.distortion)
+        if self.distortion is not None or own is not None:
+            straight = undistortion(camera, self.distortion, own)
             rgb, depth_m = straight.colour(rgb), straight.depth(depth_m)
         if self.mirrored:
             rgb, depth_m = np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(depth_m[:, ::-1])
@@ -185,11 +195,16 @@ class Sequence:
         if self.keeps_corner_pixels:
             return
         for rows, cols in shapes:
-            if not (rows and cols) or abs(math.log(cols * camera.height / (rows * camera.width))) > _MOST_STRETCHED:
+            if self._is_stretched(rows, cols):
                 raise RunFolderError(
                     f"Frame {step} of {self.path} has an image of {cols} x {rows} pixels, which is none of a camera of "
                     f"{camera.width} x {camera.height}; give the true camera, or cut the images alike."
                 )
+
+    def _is_stretched(self, rows: int, cols: int) -> bool:
+        """Whether an image has another aspect than the camera's."""
+        aspect = self.intrinsics.width / self.intrinsics.height
+        return not (rows and cols) or abs(math.log(cols / (rows * aspect))) > _MOST_STRETCHED
 
     def _picked(self, image: np.ndarray, rows: int, cols: int) -> np.ndarray:
         if image.shape[:2] == (rows, cols):
@@ -201,8 +216,7 @@ class Sequence:
         )
         return np.ascontiguousarray(image[np.ix_(row, col)])
 
-    def _scaled(self, width: int, height: int) -> Intrinsics:
-        camera = self.intrinsics
+    def _scaled(self, camera: Intrinsics, width: int, height: int) -> Intrinsics:
         x, y = width / camera.width, height / camera.height
         # The first pixel of a block has its centre half a pixel of the larger image from the block's corner.
         u, v = (0.5 * (1.0 - x), 0.5 * (1.0 - y)) if self.keeps_corner_pixels else (0.0, 0.0)
@@ -227,6 +241,8 @@ class Sequence:
                 depth_m = self._metres(depth_m)
             except (OSError, ValueError) as err:
                 raise RunFolderError(f"{path} cannot be read ({err}).") from err
+        elif path.suffix == ".exr":
+            depth_m = self._metres(read_exr(path))
         else:
             depth_m = self._metres(read_image(path))
         if depth_m.ndim != 2:
@@ -237,7 +253,7 @@ class Sequence:
 def require_below(folder: Path, frames: Iterable[Frame]) -> None:
     """Raises RunFolderError where an image lies outside of a sequence's folder."""
     for frame in frames:
-        for file in (frame.colour, frame.depth):
+        for file in (frame.colour, frame.depth, frame.confidence):
             if isinstance(file, Path) and not is_below(file, folder):
                 raise RunFolderError(f"{folder} names {file}, which lies outside of it; copy the image there.")
 

@@ -1,4 +1,4 @@
-"""Recorded RGB-D sequences: TUM RGB-D, nerfstudio, Replica, 7-Scenes, ScanNet, ROS bags, and a run folder of ours.
+"""Recorded RGB-D sequences of data sets, phones, ROS bags, and run folders of ours.
 
 The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0.
 """
@@ -20,7 +20,7 @@ from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import files_in, is_recording
 from anm_mj.io.bag_poses import GAP_S
 from anm_mj.io.camera_checks import FARTHEST_M, LATEST_S
-from anm_mj.io.layout_table import LAYOUTS, Times
+from anm_mj.io.layout_table import LAYOUTS, Times, is_there
 from anm_mj.io.plausible_sequence import (
     check_assumed_camera,
     check_heights,
@@ -57,8 +57,8 @@ class SequenceOptions:
     depth_unit_m: float | None = None
     """Metres per unit of a depth PNG."""
     up: str | None = None
-    """Axis of the sequence's world that points up: a key of ``UP``; None = z. Without poses that world is the first
-    camera's: None = -y, a camera that is held level."""
+    """Axis of the sequence's world that points up: a key of ``UP``; None = as in the layout. Without poses that world
+    is the first camera's: None = -y, a camera that is held level."""
     floor_m: float | None = None
     """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others, without
     poses from that of the first frame."""
@@ -134,7 +134,9 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         sequence = replace(sequence, distortion=options.distortion)
     if options.camera is not None:
         fx, fy, cx, cy = options.camera
-        sequence = replace(sequence, intrinsics=replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy))
+        frames = tuple(replace(frame, camera=None) for frame in sequence.frames)
+        camera = replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy)
+        sequence = replace(sequence, intrinsics=camera, frames=frames)
     elif sequence.assumes_camera:
         check_assumed_camera(sequence)
     if options.depth_unit_m is not None:
@@ -145,7 +147,10 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
-    up = options.up or ("z" if sequence.has_poses else "-y")
+    usual = LAYOUTS[found].up if found in LAYOUTS else "z"
+    up = options.up or (usual if sequence.has_poses else "-y")
+    if sequence.has_poses and up == usual != "z":
+        _logger.info("%s: %s points up, as the layout %s has it (--up).", path, up, found)
     if options.judge is not None:
         sequence, up = options.judge(sequence, up)
     sequence = sequence.moved(rigid_transform(UP[up].ravel(), np.zeros(3)))
@@ -159,7 +164,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
 
 def _holds_bag_alone(path: Path) -> bool:
     """Whether a folder holds files of a bag, and nothing that tells of another layout."""
-    if not os.path.isdir(path) or any((path / sign).exists() for each in LAYOUTS.values() for sign in each.signs):
+    if not os.path.isdir(path) or any(is_there(path, sign) for each in LAYOUTS.values() for sign in each.signs):
         return False
     try:
         return bool(files_in(path))
@@ -174,14 +179,29 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
     if not os.path.isdir(folder):  # Unlike Path.is_dir, never an error.
         raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
     signs = {name: layout.sign if options.needs_poses else layout.unposed_sign for name, layout in LAYOUTS.items()}
-    found = options.layout or next((name for name, sign in signs.items() if (folder / sign).exists()), None)
+    found = options.layout or next((name for name, sign in signs.items() if is_there(folder, sign)), None)
     if found is None:
-        if options.needs_poses and (folder / LAYOUTS["tum"].unposed_sign).exists():
-            raise RunFolderError(f"{folder} has no groundtruth.txt; give --track to find its poses.")
-        signs = ", ".join(f"{sign} ({name})" for name, sign in signs.items())
-        raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
+        # Two parts of a layout are no accident.
+        there = {name: sum(is_there(folder, need) for need in each.needs) for name, each in LAYOUTS.items()}
+        best = min(LAYOUTS, key=lambda name: (there[name] < 2, len(LAYOUTS[name].needs) - there[name], -there[name]))
+        if there[best] < 2:
+            signs = ", ".join(f"{sign.replace('|', ' or ')} ({name})" for name, sign in signs.items())
+            raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
+        track = "; give --track to find its poses" if is_there(folder, LAYOUTS[best].unposed_sign) else ""
+        raise RunFolderError(
+            f"{folder} looks like a sequence of the layout {best}, but has no "
+            f"{signs[best].replace('|', ' or ')}{track}."
+        )
+    needs = (signs[found], *LAYOUTS[found].needs)
+    missing = [need.replace("|", " or ") for need in needs if not is_there(folder, need)]
+    if missing:
+        raise RunFolderError(
+            f"{folder} is no whole sequence of the layout {found}: it has no {', no '.join(missing)}; copy or export "
+            "it whole."
+        )
     try:
         times = Times(options.needs_poses, options.match_s, options.max_gap_s)
         return LAYOUTS[found].read(folder, times), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
-        raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
+        said = str(err) if isinstance(err, OSError | ValueError | OverflowError) else repr(err)
+        raise RunFolderError(f"{folder} cannot be read in the layout {found} ({said}).") from err

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.io.camera_checks import LATEST_S
 from anm_mj.utils.read_file import read_text
 
+_USUAL_STEP_S = 0.05
+"""From one frame or pose to the next, within a factor of 30 [s]."""
 _NUMBER = re.compile(r"(\d+)")
 
 
@@ -37,6 +41,21 @@ def number_rows(path: Path) -> Float[np.ndarray, "n columns"]:
     if len({len(line) for line in lines}) > 1:
         raise ValueError(f"the lines of {path.name} hold different counts of numbers")
     return np.array([[float(word) for word in line] for line in lines]).reshape(len(lines), -1 if lines else 0)
+
+
+def seconds(times: Sequence[float]) -> list[float]:
+    """Times that are later than any in seconds, as of nanoseconds, in the unit in which they pass as frames do.
+
+    Args:
+        times: In any order.
+    """
+    stated = np.array(times, np.float64)
+    if not len(stated) or not stated.max() > LATEST_S:
+        return list(times)
+    apart = np.diff(np.unique(stated))
+    step = float(np.median(apart)) if len(apart) else float(stated.max()) / LATEST_S
+    unit = min((1e-3, 1e-6, 1e-9), key=lambda unit: abs(math.log(step * unit / _USUAL_STEP_S)))
+    return (stated * unit).tolist()
 
 
 def in_number_order(name: str) -> list[str | int]:

@@ -16,7 +16,7 @@ from anm_mj.io.bag_poses import GAP_S, Track
 from anm_mj.io.image import read_image
 from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres, require_below, require_count
 from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index, tum_matrix
-from anm_mj.io.sequence_text import number_rows, rows, with_slashes
+from anm_mj.io.sequence_text import number_rows, rows, seconds, with_slashes
 
 _UNIT_M = 1.0 / 5000.0
 _CAMERAS = {
@@ -127,7 +127,8 @@ def _listed(path: Path) -> list[tuple[float, str]]:
     lines = [line.replace(",", " ", 1).split(maxsplit=1) for line in rows(path)]
     if lines and not lines[0][0][:1].isdigit():
         del lines[0]
-    return sorted(((float(words[0]), with_slashes(words[1])) for words in lines), key=itemgetter(0))
+    times = seconds([float(words[0]) for words in lines])
+    return sorted(zip(times, (with_slashes(words[1]) for words in lines), strict=True), key=itemgetter(0))
 
 
 def _poses(path: Path) -> list[Float[np.ndarray, "8"]]:
@@ -146,7 +147,9 @@ def _poses(path: Path) -> list[Float[np.ndarray, "8"]]:
             len(lines),
             lines[np.argmin(good), 0],
         )
-    return sorted(lines[good], key=itemgetter(0))
+    lines = lines[good]
+    lines[:, 0] = seconds(lines[:, 0].tolist())
+    return sorted(lines, key=itemgetter(0))
 
 
 def _stated_camera(folder: Path) -> tuple[float, ...] | None:

@@ -141,17 +141,19 @@ class DepthOccupancy:
             # Axis by axis: a reduction over many rows of three takes several times as long.
             low = np.minimum(low, [axis.min() for axis in voxels.T])
             high = np.maximum(high, [axis.max() for axis in voxels.T])
+        if moved_m is not None:
+            depth_m = np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
+            view = view._replace(depth_m=depth_m)
+        if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
+            view = view._replace(depth_m=free_space_depth(depth_m, range_m))
+            box = self._view_box(view, self.config.carve_range_m)
+            # Space that was looked through is known, however far away the next surface lies. The sky above is not kept.
+            low[:2], high[:2] = np.minimum(low, box[0])[:2], np.maximum(high, box[1])[:2]
         self._grow(low, high)
         heavy = self.moved.heavy(self.voxels, self._num_frames)
         if moved_m is not None:
             self._take_moved(view._replace(depth_m=moved_m), phase, stride)
-            depth_m = np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
-            view = view._replace(depth_m=depth_m)
-        # What looked too far frees the space that the grid has, but the grid does not grow into the sky.
         low, high = box
-        if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
-            view = view._replace(depth_m=free_space_depth(depth_m, range_m))
-            low, high = self._view_box(view, self.config.carve_range_m)
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
         self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)

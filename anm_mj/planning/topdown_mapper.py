@@ -146,7 +146,8 @@ class TopDownMapper:
         surface, frontier = (
             origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
         )
-        topdown = TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
+        arrays = layers.clearance_m.copy(), layers.state.copy()
+        topdown = TopDownMap(*arrays, resolution, origin, surface, frontier, layers.no_floor.copy())
         return topdown, window
 
     def _changed_window(self, grid: OccupancyGrid, pose: Pose2, camera: FieldOfView) -> Window | None:
@@ -194,7 +195,9 @@ class TopDownMapper:
         deep, floor = grid.layer_of(-NO_FLOOR_M), grid.layer_of(0.0)
         if deep >= 0:
             below = grid.state[deep : floor + 1, window[0], window[1]]
-            hit |= (below == FREE).all(axis=0)
+            no_floor = (below == FREE).all(axis=0)
+            self._layers.no_floor[window] = no_floor & ~hit
+            hit |= no_floor
         layers = self._layers
         changed = bounds((num_free != layers.num_free[window]) | (hit != layers.hit[window]), window)
         layers.num_free[window], layers.hit[window] = num_free, hit
@@ -299,6 +302,7 @@ class _Layers:
         shape = 0, 0
         self.num_free: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
         self.hit: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.no_floor: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.min_sdf_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
         self.near_trajectory: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.under_robot: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)

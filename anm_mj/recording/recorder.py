@@ -50,7 +50,7 @@ class RunRecorder:
 
     Args:
         folder: A new run folder.
-        truth: Ground truth, for the metrics only.
+        truth: Ground truth, for the metrics only; None where nobody knows it, as of a real robot.
         true_view: Returns true poses and depth, if observations hold only what the robot measures: metrics count what
             the camera truly saw from where it truly was.
         record: What is kept besides the numbers; None = the defaults.
@@ -67,7 +67,7 @@ class RunRecorder:
     def __init__(
         self,
         folder: RunFolder,
-        truth: GroundTruth,
+        truth: GroundTruth | None,
         true_view: Callable[[], TrueView] | None = None,
         record: RecordConfig | None = None,
         resumed: tuple[dict[str, int], int] | None = None,
@@ -77,7 +77,7 @@ class RunRecorder:
         self.folder = folder
         self._true_view = true_view
         self.truth = truth
-        if resumed is None:
+        if resumed is None and truth is not None:
             with writing(folder.ground_truth), atomic_write(folder.ground_truth) as partial:
                 truth.save(partial)
         if before is not None:
@@ -85,9 +85,11 @@ class RunRecorder:
         record = record or RecordConfig()
         self.replay_bytes = record.replay_bytes
         self.log = RunLog(folder, record, resumed)
-        self._curve_file = LineWriter(folder.curve, resumed and resumed[0][folder.curve.name])
-        if resumed is None:
-            self._curve_file.line(CURVE_HEADER)
+        self._curve_file = None
+        if truth is not None:
+            self._curve_file = LineWriter(folder.curve, resumed and resumed[0][folder.curve.name])
+            if resumed is None:
+                self._curve_file.line(CURVE_HEADER)
         self.curve = CompletionCurve(truth, None if before is None else before.covered_m, num_threads=1)
         self.prior = None if before is None else before.prior
         """What the runs that this one goes on from found out; None where it began with nothing."""
@@ -104,13 +106,17 @@ class RunRecorder:
     def log_sizes(self) -> dict[str, int]:
         """Lengths of all logs as of now, by name [bytes]."""
         self.flush()
-        return {log.path.name: log.size for log in (*self.log.files, self._curve_file)}
+        return {log.path.name: log.size for log in self._logs}
+
+    @property
+    def _logs(self) -> tuple[LineWriter, ...]:
+        return self.log.files if self._curve_file is None else (*self.log.files, self._curve_file)
 
     def written_since(self, step: int) -> list[Path]:
         """The logs, and the depth images after a step: what must be on the disk before a checkpoint counts."""
         self.flush()
         new = range(step + 1, self.log.num_frames)
-        logs = [log.path for log in (*self.log.files, self._curve_file)]
+        logs = [log.path for log in self._logs]
         return [*logs, *(self.folder.depth(each) for each in new)]
 
     @property
@@ -150,7 +156,7 @@ class RunRecorder:
         """Add a frame to the curve, and its row to the file."""
         begin = time.perf_counter()
         row = add_frame()
-        if row is not None:
+        if row is not None and self._curve_file is not None:
             self._curve_file.line(row.csv)
         self.evaluation_s += time.perf_counter() - begin
 
@@ -173,8 +179,8 @@ class RunRecorder:
 
     def close_logs(self) -> None:
         """Close all logs; nothing is recorded any more."""
-        self.log.close()
-        self._curve_file.close()
+        for log in self._logs:
+            log.close()
 
     def __enter__(self) -> RunRecorder:
         return self

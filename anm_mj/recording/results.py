@@ -169,8 +169,10 @@ def write_results(
     write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
     # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
     curve.last()
-    uncapped_cm: list[float | None] = []
-    recorder.background.submit(lambda: uncapped_cm.append(without_cap_cm(folder, recorder.truth, curve)))
+    uncapped_cm: list[float | None] = [None]
+    truth = recorder.truth
+    if truth is not None:
+        recorder.background.submit(lambda: uncapped_cm.append(without_cap_cm(folder, truth, curve)))
     if finished.is_trained:
         write_mesh(folder.mesh, finished.mesh(MESH_RESOLUTION_M))
     release()
@@ -179,13 +181,15 @@ def write_results(
     summary = replace(summary, peak_rss_mib=peak_rss_mib())
     recorder.flush()
     recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
-    mesh = quality_of_mesh(folder, recorder.truth, curve)
-    run = read_run(folder.path)
-    trajectory = trajectory_metrics(run, recorder.truth, curve)
-    if trajectory is not None:
-        lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
-        write_text(folder.true_trajectory, "\n".join(lines) + "\n")
-    metrics = summarise(statistics, curve, uncapped_cm[0], recorder.truth, mesh, summary, trajectory=trajectory)
+    mesh = trajectory = None
+    if truth is not None:
+        mesh = quality_of_mesh(folder, truth, curve)
+        run = read_run(folder.path)
+        trajectory = trajectory_metrics(run, truth, curve)
+        if trajectory is not None:
+            lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
+            write_text(folder.true_trajectory, "\n".join(lines) + "\n")
+    metrics = summarise(statistics, curve, uncapped_cm[-1], truth, mesh, summary, trajectory=trajectory)
     # Before the pictures, which may find no room.
     write_json(folder.metrics, metrics)
     recorder.flush()
@@ -195,13 +199,15 @@ def write_results(
 
 def _draw(recorder: RunRecorder, survey: Survey, changes: Sequence[SurfaceChange]) -> None:
     """Draw the curve and the top-down map."""
-    from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
+    # No run waits for matplotlib before its first step.
+    from anm_mj.viz.figure_file import save_figure
+    from anm_mj.viz.plots import topdown_figure
 
     folder = recorder.folder
-    write_curve(folder, recorder.curve, recorder.statistics)
+    if recorder.truth is not None:
+        write_curve(folder, recorder.curve, recorder.statistics)
     with writing(folder.topdown_picture):
-        draw_topdown(
-            folder.topdown_picture,
+        figure = topdown_figure(
             survey.topdown,
             survey.graph,
             survey.regions,
@@ -210,6 +216,7 @@ def _draw(recorder: RunRecorder, survey: Survey, changes: Sequence[SurfaceChange
             title=titled(folder, pictured(recorder.curve, recorder.statistics)),
             changes=changes,
         )
+        save_figure(figure, folder.topdown_picture)
 
 
 def _write_explored(recorder: RunRecorder, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:

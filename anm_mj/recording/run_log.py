@@ -172,6 +172,7 @@ class RunLog:
                 "vertices": None if plan.graph is None else len(plan.graph.vertex_xy_m),
                 "regions": len(plan.regions),
                 "candidates": plan.candidates,
+                "closed": plan.closed,
                 "ms": plan.stage_ms,
             }
         )

@@ -112,7 +112,7 @@ def film_frames(
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     """The pictures of a film; arguments and errors as of :func:`write_film`."""
     run, total = timeline.run, timeline.num_frames
-    mesh = growing_mesh(run, MAX_FACES, with_uncertainty=False)
+    mesh = growing_mesh(run, MAX_FACES, with_errors=False)
     surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
     map_panel = MapPanel(*_bounds(timeline, mesh))
     far_m = _far_m(timeline)

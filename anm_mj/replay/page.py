@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib
@@ -29,6 +29,8 @@ MAX_IMAGES = 600
 """Longer runs show every second, third ... image."""
 CLIP_PERCENT = (2.0, 98.0)
 """Between these percentiles the colours change."""
+LEAST_ERROR_M = 1e-4
+"""Smaller errors have one colour: no map and no true surface is as exact."""
 SHARDS_PERCENT = 0.2
 """This share of the vertices at each side of the scene may be out of view at first."""
 IMAGE_PX = 160
@@ -64,6 +66,20 @@ def replay_page(
         "PROGRAM": assets.page_program("theme.js", "view.js", "curve.js", "replay.js"),
     }
     return assets.filled("replay.html", parts)
+
+
+def pair_page(titles: Sequence[str], pages: Sequence[str]) -> str:
+    """The HTML of a page that shows two replays beside each other, from what each is called and its own page."""
+    left, right = map(html.escape, titles)
+    parts = {
+        "TITLE": f"{left} | {right}",
+        "LEFT_TITLE": left,
+        "RIGHT_TITLE": right,
+        "STYLE": assets.page_asset("pair.css"),
+        "DATA": assets.script_json(list(pages)),
+        "PROGRAM": assets.page_program("pair.js"),
+    }
+    return assets.filled("pair.html", parts)
 
 
 def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
@@ -166,22 +182,26 @@ def _mesh(mesh: GrowingMesh, num_frames: int) -> dict[str, Any]:
         "vertices": _base64(mesh.vertices_m),
         "faces": _base64(mesh.faces.astype(np.uint32)),
         "rgb": _base64(mesh.rgb),
-        "uncertainty": None if mesh.error_m is None else _uncertainty(mesh.error_m),
+        "errors": _errors({"expected error": mesh.error_m, "true error": mesh.true_error_m}),
         "age": _base64(age),
         "counts": _base64(mesh.face_count.astype(np.uint32)),
     }
 
 
-def _uncertainty(error_m: Float32[np.ndarray, " v"]) -> dict[str, str]:
-    low, high = 1000.0 * np.percentile(error_m, CLIP_PERCENT)
-    return {"levels": _base64(levels(error_m)), "low": f"≤ {low:.2g} mm", "high": f"≥ {high:.2g} mm"}
+def _errors(errors_m: dict[str, Float32[np.ndarray, " v"] | None]) -> list[dict[str, str]]:
+    """Colourings by errors, all on one scale, so that they can be compared."""
+    known = {name: values for name, values in errors_m.items() if values is not None}
+    if not known:
+        return []
+    low, high = np.maximum(np.percentile(np.concatenate(list(known.values())), CLIP_PERCENT), LEAST_ERROR_M)
+    ends = {"low": f"≤ {1e3 * low:.2g} mm", "high": f"≥ {1e3 * high:.2g} mm"}
+    return [{"name": name, "levels": _base64(levels(values, low, high)), **ends} for name, values in known.items()]
 
 
-def levels(values: np.ndarray) -> UInt8[np.ndarray, " n"]:
-    """Values as 0 to 255, in the logarithm, from their 2nd to their 98th percentile."""
-    logs = np.log(np.maximum(values.astype(np.float64), np.finfo(np.float32).tiny))
-    low, high = np.percentile(logs, CLIP_PERCENT)
-    return np.rint(255.0 * np.clip((logs - low) / max(high - low, 1e-9), 0.0, 1.0)).astype(np.uint8)
+def levels(values: np.ndarray, low: float, high: float) -> UInt8[np.ndarray, " n"]:
+    """Values as 0 to 255, in the logarithm, from the lower to the higher bound, both positive."""
+    share = np.log(np.maximum(values, low) / low) / max(np.log(high / low), 1e-9)
+    return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
 
 
 def table() -> UInt8[np.ndarray, "256 3"]:

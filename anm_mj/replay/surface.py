@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
+from anm_mj.evaluation.surface_distance import surface_distance
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import Run
 from anm_mj.mapping.neural_map import NeuralMap
@@ -30,6 +32,8 @@ class GrowingMesh:
     """Number of faces seen up to and with each frame."""
     error_m: Float32[np.ndarray, " v"] | None
     """Expected error of the final map at each vertex [m]; None without a map."""
+    true_error_m: Float32[np.ndarray, " v"] | None = None
+    """Distance of each vertex to the true surface [m]; None where the run does not have it."""
 
 
 def growing_mesh(
@@ -37,7 +41,7 @@ def growing_mesh(
     max_faces: int | None = None,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
     *,
-    with_uncertainty: bool = True,
+    with_errors: bool = True,
 ) -> GrowingMesh | None:
     """The mesh of a run; None where it has none, as a killed run.
 
@@ -45,10 +49,10 @@ def growing_mesh(
         run: The run.
         max_faces: Vertices are merged until there are at most so many faces; None = as they are.
         on_progress: Called with frames done and in all.
-        with_uncertainty: Whether the map is asked how certain it is.
+        with_errors: Whether the map is asked how certain it is, and the mesh is compared with the true surface.
 
     Raises:
-        RunFolderError: Mesh or depth cannot be read.
+        RunFolderError: Mesh, depth or true surface cannot be read.
         MapError: The map cannot be read.
     """
     if not run.folder.mesh.is_file():
@@ -62,10 +66,13 @@ def growing_mesh(
     of_face = first[faces].max(axis=1) if len(faces) else np.zeros(0, np.int64)
     order = np.argsort(of_face, kind="stable")
     count = np.searchsorted(of_face[order], np.arange(len(run.frames)), side="right")
-    error_m = None
-    if with_uncertainty and run.folder.map.is_file() and len(vertices):
-        error_m = NeuralMap.load(run.folder.map, device="cpu").expected_error_m(vertices.astype(np.float64))
-    return GrowingMesh(vertices.astype(np.float32), faces[order], rgb, first, count, error_m)
+    points, error_m, true_error_m = vertices.astype(np.float64), None, None
+    if with_errors and run.folder.map.is_file() and len(vertices):
+        error_m = NeuralMap.load(run.folder.map, device="cpu").expected_error_m(points)
+    if with_errors and run.folder.ground_truth.is_file() and len(vertices):
+        truth = GroundTruth.load(run.folder.ground_truth)
+        true_error_m = surface_distance(points, truth.vertices.astype(np.float64), truth.faces).astype(np.float32)
+    return GrowingMesh(vertices.astype(np.float32), faces[order], rgb, first, count, error_m, true_error_m)
 
 
 def merged(

@@ -117,6 +117,8 @@ def describe_robot(
         RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
+    if path.suffix == ".xacro":
+        raise RobotError(f"{path} is a template of a robot: give what xacro {path.name} > {path.stem} writes.")
     try:
         spec = read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
@@ -301,10 +303,15 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
         return compile_spec(spec)
     except (ValueError, RuntimeError, MemoryError) as err:
-        raise RobotError(
-            f"The robot {path} cannot be compiled by itself ({err}); fix that, or remove references to elements "
-            "outside the robot."
-        ) from err
+        raise RobotError(f"The robot {path} cannot be compiled by itself ({err}); {_way_out(str(err))}.") from err
+
+
+def _way_out(said: str) -> str:
+    if "package:/" in said:
+        return "write the paths of its meshes relative to its file in place of package://"
+    if "no decoder found for mesh file" in said:
+        return "convert its meshes to .stl, .obj or .msh"
+    return "fix that, or remove references to elements outside the robot"
 
 
 def _shell_and_casters(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.io.sequence import Sequence
 from anm_mj.sequence_check.correction import Correction, at_times, converted, corrected_camera, with_axes
 
 
@@ -44,7 +44,15 @@ def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
             f"for poses and {correction.colour_offset_s:g} s for colour; give smaller ones."
         )
     poses[:, :3, 3] *= correction.pose_scale
-    new = tuple(Frame(frames[k].time_s, frames[colours[k]].colour, frames[k].depth, poses[k]) for k in kept.tolist())
+    new = tuple(
+        replace(
+            frames[k],
+            colour=frames[colours[k]].colour,
+            T_world_camera=poses[k],
+            camera=None if (own := frames[k].camera) is None else corrected_camera(own, correction),
+        )
+        for k in kept.tolist()
+    )
     guessed = set(sequence.interpolated)
     return replace(
         sequence,

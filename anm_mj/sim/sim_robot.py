@@ -23,6 +23,7 @@ from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TruePeople, TrueView, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 class SimRobot:
@@ -100,6 +101,23 @@ class SimRobot:
     def pose(self) -> Pose2:
         """True pose of the base."""
         return self._drive.pose
+
+    def joints(self) -> tuple[list[str], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Names of the robot's joints, their positions [rad, m] and velocities [rad/s, m/s]."""
+        model = self.model
+        found = [
+            joint
+            for joint in map(model.joint, range(model.njnt))
+            if joint.name.startswith("robot/") and joint.type[0] in _JOINTS
+        ]
+        positions, velocities = (
+            np.array([values[address[0]] for address in addresses], float)
+            for values, addresses in (
+                (self.data.qpos, [joint.qposadr for joint in found]),
+                (self.data.qvel, [joint.dofadr for joint in found]),
+            )
+        )
+        return [joint.name.removeprefix("robot/") for joint in found], positions, velocities
 
     def true_view(self) -> TrueView:
         """What the last observation was truly made of: poses, and exact depth where the sensor gave a value.

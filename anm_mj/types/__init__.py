@@ -38,6 +38,7 @@ from anm_mj.types.observation import TrueView as TrueView
 from anm_mj.types.plan import Candidate as Candidate
 from anm_mj.types.plan import Plan as Plan
 from anm_mj.types.plan import Region as Region
+from anm_mj.types.plan import TargetOutcome as TargetOutcome
 from anm_mj.types.plan import TopDownMap as TopDownMap
 from anm_mj.types.plan import UnexploredPatch as UnexploredPatch
 from anm_mj.types.plan import VoronoiGraph as VoronoiGraph

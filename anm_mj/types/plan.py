@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int8
+from jaxtyping import Bool, Float, Float32, Int, Int8
 
 from anm_mj.types.motion import Action, StopReason
 
@@ -26,6 +26,8 @@ class TopDownMap:
     """Where free space ends at an obstacle: zero-crossings of the field, finer than a cell [m]."""
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Where free space borders on unknown space [m]."""
+    no_floor: Bool[np.ndarray, "rows cols"] | None = None
+    """Where a view went through to below the floor: a drop, and what lies beyond it; None where nobody knows."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,21 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class TargetOutcome:
+    """What a target was expected to bring, and what it did bring by the time that the policy closed it."""
+
+    xy_m: Float[np.ndarray, "2"]
+    kind: str
+    """The kind of place that most was expected of, in the policy's own words."""
+    expected_m2: float
+    """New surface that the policy expected of it, and of the turns to it [m2]."""
+    realised_m2: float
+    """New surface that was seen between its choice and its end, on the way too [m2]."""
+    judged: bool
+    """False for a target that was left on the way for a better one."""
+
+
+@dataclass(frozen=True)
 class UnexploredPatch:
     """A patch of unknown space that borders on free space at the end of a run."""
 
@@ -105,6 +122,8 @@ class Plan:
     """With a stop: the unexplored patches, largest first."""
     candidates: tuple[Candidate, ...] = ()
     """The places that were considered, for the log of plans."""
+    closed: TargetOutcome | None = None
+    """The target that this decision has closed, for the log of plans."""
     topdown: TopDownMap | None = None
     """The top-down map decided on, for log, replay and film; None where the policy has none."""
     graph: VoronoiGraph | None = None

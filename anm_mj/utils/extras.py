@@ -8,9 +8,11 @@ EXTRAS = {
     "stable_baselines3": "learn",
     "mcap": "mcap",
     "rosbags": "ros",
+    "cyclonedds": "ros",
     "robot_descriptions": "robots",
     "ray": "ray",
     "imageio_ffmpeg": "video",
+    "OpenEXR": "exr",
     "pandas": "pandas",
 }
 """The extra of ``anm-mj`` that brings a module which the package itself does without."""
@@ -26,6 +28,9 @@ def missing_package(error: ModuleNotFoundError) -> str | None:
         The sentence; None where the module belongs to no extra.
     """
     module = (error.name or "").partition(".")[0]
-    if module not in EXTRAS:
-        return None
+    return install(module) if module in EXTRAS else None
+
+
+def install(module: str) -> str:
+    """The sentence for a module of an extra that is not installed."""
     return f"This needs the package {module}, which is not installed: pip install 'anm-mj[{EXTRAS[module]}]'."

@@ -10,6 +10,7 @@ import io
 import json
 import os
 import stat
+import tokenize
 import tomllib
 import zipfile
 import zlib
@@ -160,7 +161,11 @@ def read_npy(path: Path, max_mib: float = MAX_ARRAY_MIB) -> np.ndarray:
         ValueError: It is no such file, damaged, or larger than ``max_mib`` [MiB].
     """
     with open_regular(path) as file:
-        size_mib = _array_bytes(file) / 2**20
+        try:
+            size_mib = _array_bytes(file) / 2**20
+        # NumPy reads a header that is no text of Python once more as one of Python 2.
+        except (tokenize.TokenError, SyntaxError) as err:
+            raise ValueError(f"its header is damaged ({err})") from err
         if size_mib > max_mib:
             raise ValueError(f"its array of {size_mib:.0f} MiB is more than the {max_mib:g} MiB that are read")
         file.seek(0)

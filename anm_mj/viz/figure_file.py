@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,15 @@ STYLE: dict[Any, Any] = {
 }
 METADATA: dict[str, dict[str, Any] | None] = {PICTURE: None, PRINT: {"CreationDate": None}, VECTOR: {"Date": None}}
 """Without dates."""
+
+
+class ShownFigure(Figure):
+    """A figure that notebooks show, without a window system."""
+
+    def _repr_png_(self) -> bytes:
+        written = io.BytesIO()
+        FigureCanvasAgg(self).print_figure(written, format=PICTURE, bbox_inches="tight", pad_inches=0.1)
+        return written.getvalue()
 
 
 def plain(text: str) -> str:

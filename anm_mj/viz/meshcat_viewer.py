@@ -6,8 +6,11 @@ import base64
 import getpass
 import io
 import logging
+import shlex
 import socket
+import threading
 import time
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -20,7 +23,7 @@ from PIL import Image
 
 from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
-from anm_mj.io.run_events import Completed, Mapped, Started
+from anm_mj.io.run_events import Completed, Mapped, Started, headline
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.viz import palette, shapes
@@ -44,6 +47,8 @@ LEGEND = (("mesh", *palette.LEGEND[0][1:]), *palette.LEGEND[1:])
 BODY, FRUSTUM, _, GRAPH, REGIONS, PATH, TARGET = (palette.number(colour) for _, _, colour in LEGEND[1:])
 TRAJECTORY = palette.number(palette.TRAJECTORY)
 PICTURE_PX, PICTURE_QUALITY = 160, 75
+UNSEEN_S = 5.0
+"""A paused run goes on when no page has been open for so long [s]."""
 
 
 @runtime_checkable
@@ -64,18 +69,24 @@ class MeshcatViewer:
     Args:
         port: The first port to try; the viewer takes the next free one. None starts at 7000.
         title: What the page is called, such as scene and policy.
+        is_ending: Whether somebody else has asked for the end of the run, which then waits for no page.
 
     Raises:
         RenderError: No port is free.
     """
 
-    def __init__(self, port: int | None = None, title: str = "anm-mj") -> None:
+    def __init__(
+        self, port: int | None = None, title: str = "anm-mj", is_ending: Callable[[], bool] = lambda: False
+    ) -> None:
         parts = {
             "STYLE": page_asset("style.css"),
             "DATA": script_json(LEGEND),
-            "PROGRAM": page_program("theme.js", "live.js"),
+            "PROGRAM": page_program("theme.js", "curve.js", "live.js"),
         }
-        self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts))
+        self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts), self._on_word)
+        self._is_ending = is_ending
+        self._stopped, self._running = threading.Event(), threading.Event()
+        self._running.set()
         self._server.say("title", {"title": title})
         self._failed = False
         self._started: Started | None = None
@@ -96,20 +107,40 @@ class MeshcatViewer:
         """Address of the page."""
         return self._server.url
 
-    def on_event(self, event: object) -> None:
-        """Show an event of the run; see :class:`anm_mj.events.Observer`. It returns quickly."""
+    def on_event(self, event: object) -> bool:
+        """Show an event of the run; see :class:`anm_mj.events.Observer`.
+
+        It returns quickly, but after a step while the page has paused the run. True where the page has stopped it.
+        """
         if isinstance(event, Started):
             self._started = event
-        elif isinstance(event, Stepped):
+        elif isinstance(event, Stepped | Mapped):
             self.show(event.observation, event.mapper, event.plan)
             if self._started is not None:
-                self.progress(event.step, self._started.num_steps, self._started.completed())
-        elif isinstance(event, Mapped):
-            self.show(event.observation, event.mapper, event.plan)
-            if self._started is not None:
-                self.progress(event.observation.step + 1, self._started.num_steps, None)
+                is_step = isinstance(event, Stepped)
+                step, row = (event.step, self._started.completed()) if is_step else (event.observation.step + 1, None)
+                self.progress(step, self._started.num_steps, row)
+            self._wait_while_paused()
         elif isinstance(event, Ended):
-            self._server.say("ended", {"ended": f"{_end(event)} Replay it: anm-mj view runs/latest"})
+            folder = "runs/latest" if self._started is None else shlex.quote(str(self._started.folder))
+            self._server.say("ended", {"ended": f"{_end(event)} Replay it: anm-mj view {folder}"})
+        return self._stopped.is_set()
+
+    def _on_word(self, word: str) -> None:
+        """Do what a page asks for; called in the server's thread."""
+        if word == "stop":
+            self._stopped.set()
+        if word in ("pause", "go on", "stop"):
+            (self._running.clear if word == "pause" else self._running.set)()
+            self._server.say("state", {"paused": word == "pause", "stopping": self._stopped.is_set()})
+
+    def _wait_while_paused(self) -> None:
+        seen_s = time.monotonic()
+        while not self._running.wait(0.1) and not self._is_ending():
+            if self._server.num_browsers:
+                seen_s = time.monotonic()
+            elif time.monotonic() - seen_s > UNSEEN_S:
+                self._on_word("go on")
 
     def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
         """Show the present state; returns quickly, and an error disables the view but not the run."""
@@ -139,13 +170,16 @@ class MeshcatViewer:
             num_steps: The budget.
             row: The newest point of the completion curve; None = not measured.
         """
-        status = {"step": step, "num_steps": num_steps, "completed": _completed(row)}
+        completed = "" if row is None else "{:.1f} % of {}".format(*headline(row))
+        self._server.say("progress", {"step": step, "num_steps": num_steps, "completed": completed})
         if row is not None and (not self._curve or row.step != self._curve[-1][0]):
-            self._curve.append((row.step, _percent(row)))
-        self._server.say("progress", status | {"curve": self._curve})
+            self._curve.append((row.step, headline(row)[0]))
+            self._server.say("curve", {"curve": self._curve, "num_steps": num_steps})
 
     def close(self) -> None:
-        """Free the port; a second time does nothing."""
+        """Show the last figure, and free the port; a second time does nothing."""
+        if self._started is not None and (row := self._started.completed()) is not None:
+            self.progress(row.step, self._started.num_steps, row)
         self._server.close()
 
     def _set_up_page(self, observation: Observation) -> None:
@@ -212,17 +246,6 @@ class MeshcatViewer:
 
     def _property(self, path: str, key: str, value: object) -> None:
         self._server.publish(SetProperty(key, value, _path(path)))
-
-
-def _completed(row: Completed | None) -> str:
-    """The headline metric in words; empty where it was not measured yet."""
-    if row is None:
-        return ""
-    return f"{_percent(row):.1f} % of the {'surface' if row.observable_ratio is None else 'observable surface'}"
-
-
-def _percent(row: Completed) -> float:
-    return row.completion_ratio if row.observable_ratio is None else row.observable_ratio
 
 
 def _end(event: Ended) -> str:

@@ -55,13 +55,17 @@ class PageServer:
     Args:
         first_port: The first port to try; the server takes the next free one.
         page: The page's HTML; the files of meshcat's bundle lie beside it.
+        on_word: Called with what a page sends, in the server's thread.
 
     Raises:
         RenderError: No port is free.
     """
 
-    def __init__(self, first_port: int = FIRST_PORT, page: str = "") -> None:
+    def __init__(
+        self, first_port: int = FIRST_PORT, page: str = "", on_word: Callable[[str], object] = lambda word: None
+    ) -> None:
         self._page = page
+        self.on_word = on_word
         listening = first_free(first_port, lambda port: socket.create_server((ADDRESS, port)))
         listening.setblocking(False)
         self.port: int = listening.getsockname()[1]
@@ -252,7 +256,9 @@ class _Browser(WebSocketHandler):
         self._server.join(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Ignore messages of the page."""
+        """Hand on what the page asks for."""
+        if isinstance(message, str):
+            self._server.on_word(message)
 
     def on_close(self) -> None:
         self._server.leave(self)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 UNKNOWN, WALL = "#c6c3bd", "#3a3a3f"
+NO_FLOOR = "#8fb0a3"
+"""A drop, and the outside beyond it."""
 NEAR, CLEAR = "#d7e6f3", "#ffffff"
 """Free space beside an obstacle, and far from all; in grey brighter than the unknown."""
 GRAPH, REGION, TARGET = "#3b8a5a", "#e08a1e", "#0a9fd0"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -22,7 +21,7 @@ from matplotlib.transforms import Transform
 
 from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import PICTURE, plain, save_figure
+from anm_mj.viz.figure_file import ShownFigure, plain
 from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
 
 DOTS_PER_INCH = 150
@@ -39,8 +38,7 @@ STEP_COLOURS = LinearSegmentedColormap.from_list("steps", matplotlib.colormaps["
 """Dark to light with the steps; the bright yellow at plasma's end is lost on a bright floor and on paper."""
 
 
-def draw_topdown(
-    path: Path,
+def topdown_figure(
     topdown: TopDownMap,
     graph: VoronoiGraph | None,
     regions: Sequence[Region],
@@ -48,32 +46,23 @@ def draw_topdown(
     *,
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
-    kinds: Sequence[str] = (PICTURE,),
     changes: Sequence[SurfaceChange] = (),
-) -> list[Path]:
-    """Draw the top-down map with the Voronoi graph, the regions of interest and the trajectory.
+) -> ShownFigure:
+    """The top-down map with the Voronoi graph, the regions of interest and the trajectory.
 
     Args:
-        path: The file; its ending is replaced by each kind.
         topdown: The map of the last plan.
         graph: Its Voronoi graph.
         regions: Its regions of interest.
         poses: Poses of the robot, one per step.
         target_xy_m: The last target, world [m].
         title: Title of the figure.
-        kinds: ``png``, ``pdf``, ``svg``.
         changes: Surface that is gone or new since a prior run.
-
-    Returns:
-        The files.
-
-    Raises:
-        OSError: A file cannot be written.
     """
     (west, south), (east, north) = _known_corners(topdown)
     long_side = max(east - west, north - south)
     size = (max(6.0, 2.6 + 7.4 * (east - west) / long_side), 1.9 + 7.4 * (north - south) / long_side)
-    figure = Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
+    figure = ShownFigure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     low, high = topdown.origin_xy_m, topdown.origin_xy_m + topdown.resolution_m * np.array(topdown.state.shape[::-1])
     axes.set_facecolor(palette.UNKNOWN)
@@ -91,49 +80,42 @@ def draw_topdown(
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
     axes.set_title(plain(title), pad=10.0)
     drawn, names = axes.get_legend_handles_labels()
+    space = [("occupied", palette.WALL), ("unknown", palette.UNKNOWN)]
+    if topdown.no_floor is not None and topdown.no_floor.any():
+        space.insert(1, ("no floor", palette.NO_FLOOR))
     figure.legend(
-        [_FreeSpace(), _swatch(palette.WALL), _swatch(palette.UNKNOWN), *drawn],
-        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", "occupied", "unknown", *names],
+        [_FreeSpace(), *(_swatch(colour) for _, colour in space), *drawn],
+        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
         loc="outside lower center",
         ncols=4,
         fontsize=8,
         frameon=False,
         handler_map={_FreeSpace: _FreeSpaceSwatch()},
     )
-    return save_figure(figure, path, kinds)
+    return figure
 
 
-def draw_curve(
-    path: Path,
+def curve_figure(
     steps: Int[np.ndarray, " n"],
     completion_ratio: Float[np.ndarray, " n"],
     observable_ratio: Float[np.ndarray, " n"],
     completion_cm: Float[np.ndarray, " n"],
     *,
     title: str,
-    kinds: Sequence[str] = (PICTURE,),
     before_ratio: float | None = None,
-) -> list[Path]:
-    """Draw completion over steps.
+) -> ShownFigure:
+    """Completion over steps.
 
     Args:
-        path: The file; its ending is replaced by each kind.
         steps: Steps of the values; may be empty.
         completion_ratio: Fraction of the true surface within 5 cm of the observed points [%].
         observable_ratio: The same of the observable surface [%]; NaN where that is not known.
         completion_cm: Mean distance of the true surface to the observed points, capped at 1 m [cm].
         title: Title of the figure.
-        kinds: ``png``, ``pdf``, ``svg``.
         before_ratio: Completion ratio by the runs that this one goes on from [%]; None for a run that began with
             nothing.
-
-    Returns:
-        The files.
-
-    Raises:
-        OSError: A file cannot be written.
     """
-    figure = Figure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
+    figure = ShownFigure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
     ratio_axes = figure.add_subplot()
     cm_axes = ratio_axes.twinx()
     lines = []
@@ -156,7 +138,7 @@ def draw_curve(
     cm_axes.set_ylabel("completion [cm]", color=palette.DISTANCE)
     cm_axes.set_ylim(bottom=0.0)
     figure.legend(handles=lines, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    return save_figure(figure, path, kinds)
+    return figure
 
 
 def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:

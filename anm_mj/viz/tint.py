@@ -1,4 +1,4 @@
-"""Colours of a top-down map: free space by its clearance, obstacles, the unknown."""
+"""Colours of a top-down map: free space by its clearance, obstacles, drops, the unknown."""
 
 from __future__ import annotations
 
@@ -30,5 +30,8 @@ def tint(topdown: TopDownMap) -> UInt8[np.ndarray, "rows cols 3"]:
     image[:] = rgb_of(palette.UNKNOWN)
     free = topdown.state == FREE
     image[free] = free_tint(topdown.clearance_m[free] / FULL_CLEARANCE_M)
-    image[topdown.state == OCCUPIED] = rgb_of(palette.WALL)
+    occupied = topdown.state == OCCUPIED
+    image[occupied] = rgb_of(palette.WALL)
+    if topdown.no_floor is not None:
+        image[occupied & topdown.no_floor] = rgb_of(palette.NO_FLOOR)
     return image

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from anm_mj.cli.command_line import Fields, Group, Option, arguments, commands, find, parse
+from anm_mj.cli.command_line import Fields, Group, Manner, Option, Report, arguments, commands, find, parse
 
 
 @dataclass
@@ -62,7 +62,21 @@ def parsed(*words):
 
 def test_only_what_is_given_is_handed_over():
     assert parsed("apple") == {"fruit": "apple"}
-    assert parse("food eat", eat, ["apple", "-v"]) == ({"fruit": "apple"}, True)
+    assert parse("food eat", eat, ["apple", "-v"]) == ({"fruit": "apple"}, Manner(verbose=True))
+
+
+def test_json_is_an_option_of_what_returns_a_report(capsys):
+    def taste() -> Report:
+        """Taste."""
+        return Report({})
+
+    assert parse("food taste", taste, ["--json"]) == ({}, Manner(json=True))
+    assert parse("food taste", taste, ["-q"]) == ({}, Manner(quiet=True))
+    for command, words, said in ((eat, ["apple", "--json"], "unrecognized arguments: --json"),
+                                 (taste, ["-q", "-v"], "not allowed with argument")):  # fmt: skip
+        with pytest.raises(SystemExit):
+            parse("food", command, words)
+        assert said in capsys.readouterr().err
 
 
 def test_types_are_read():

@@ -13,6 +13,7 @@ CASES = [
     ("scene ", "", "import generate check list"),
     ("scene import a b --doors ", "", "as-is open closed"),
     ("explore home --st", "--st", "--start --steps"),
+    ("doctor --", "--", "--report --json --quiet --verbose"),
     ("explore home ", "", ""),
     ("completion ", "f", "fish"),
 ]

@@ -20,11 +20,11 @@ def test_neither_lines_nor_cells_of_tables_do():
     console.file = io.StringIO()
     table = Table(box=None, show_header=False)
     table.add_row("stop reason", "a\x1b[2J")
-    console.print("Wrote \x1b]0;b\x07[red]", highlight=False)
+    console.print("Wrote \x1b]0;b\x07[red] :warning:", highlight=False)
     console.print(table)
     said = console.file.getvalue()
     assert "Wrote \\x1b]0;b" in said
-    assert "[red]" in said
+    assert "[red] :warning:" in said
     assert "a\\x1b[2J" in said
     assert said.replace("\n", "").isprintable()
 

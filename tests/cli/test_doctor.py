@@ -18,7 +18,7 @@ def _printed(checks: list[Check]) -> str:
 
 
 def test_this_machine_is_healthy(capsys: pytest.CaptureFixture[str]):
-    assert doctor() == 0
+    assert doctor().status == 0
 
     printed = capsys.readouterr().out
     for name in (
@@ -63,4 +63,4 @@ def test_summary_names_faults():
 def test_exit_status_of_a_fault(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(machine_checks, "diagnose", lambda: [Check("Python", State.BAD, "3.9")])
 
-    assert doctor() == 1
+    assert doctor().status == 1

@@ -174,6 +174,31 @@ def test_the_catalogue_is_listed(capsys):
     assert "home" in capsys.readouterr().out
 
 
+def test_json_is_all_that_is_printed(capsys):
+    assert main(["scene", "list", "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    home = next(one for one in json.loads(said.out) if one["name"] == "home")
+    assert (home["rooms"], Path(home["folder"]).name) == (7, "home")
+
+
+def test_quiet_prints_neither_results_nor_progress(capsys, tmp_path):
+    assert main(["scene", "list", "--quiet"]) == 0
+    assert main(["scene", "generate", str(tmp_path / "hut"), "--rooms", "1", "-q"]) == 0
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "")
+    assert "nowhere" in fails(capsys, "explore", "nowhere", "-q")
+    # The next command speaks again.
+    assert main(["scene", "list"]) == 0
+    assert "home" in capsys.readouterr().out
+
+
+def test_a_table_is_not_broken_where_no_terminal_is(capsys):
+    assert main(["scene", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert all("MIT" in line for line in lines[1:])
+
+
 def test_the_version_is_printed(capsys):
     assert main(["--version"]) == 0
     assert re.match(r"anm-mj \d+\.\d+\.\d+", capsys.readouterr().out)

@@ -174,6 +174,8 @@ def test_options(capsys):
         ["export"],
         ["map"],
         ["localise"],
+        ["simulate"],
+        ["drive"],
         ["bench"],
         ["doctor"],
         ["completion"],
@@ -241,6 +243,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["export"],
         ["map"],
         ["localise"],
+        ["simulate"],
+        ["drive"],
         ["robot", "check"],
         ["completion"],
     ):
@@ -265,6 +269,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert parsed["file"].is_file()
     elif words[0] in ("map", "localise"):
         parse(words)  # tests/test_map_sequence.py and tests/test_localise_images.py execute these.
+    elif words[0] in ("simulate", "drive"):
+        parse(words)  # tests/ros executes these.
     elif words[:2] in (["view", "runs/latest"], ["export", "runs/latest"]):
         if len(words) > 2:
             if not (place / words[1]).exists():
@@ -272,6 +278,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert main(words) == 0
         else:
             parse(words)  # tests/replay serves a page.
+    elif words[0] == "view":
+        assert {"run", "other"} <= parse(words).keys()  # tests/replay/test_pair.py executes it.
     elif words == ["eval", "runs/latest"]:
         if not (place / words[1]).exists():  # The real run may be a test of another process.
             run_for_real()
@@ -286,7 +294,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         assert main([*words[:2], "room", *words[3:]]) == 0
     elif words[:2] == ["scene", "generate"]:
         assert main([*words, "--rooms", "1"]) == 0
-    elif words == ["scene", "list"]:
+    elif words[:2] == ["scene", "list"]:
         assert main(words) == 0
     elif words[:2] == ["robot", "check"]:
         assert words[2] in robot_presets() or (place / words[2]).is_file()

@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
+from anm_mj.export import formats
 from anm_mj.export.formats import FORMATS, export_run
 from anm_mj.frames import pixel_directions, transform_points
 from anm_mj.io.read_run import read_run
@@ -24,6 +25,7 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.mapping.neural_map import NeuralMap
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room_plan
+from tests.replay.conftest import box_run
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +36,6 @@ def out(run_folder, tmp_path_factory):
         str(run_folder),
         "--format",
         "all",
-        "--format",
-        "mcap",
-        "--format",
-        "rosbag",
         "--out",
         str(folder),
     ]
@@ -155,6 +153,45 @@ def test_graph(run, out):
     np.testing.assert_allclose(trajectory, [frame.pose.xy_m for frame in run.frames])
 
 
+def test_route_graph_is_as_navs_route_server_loads_it(out):
+    graph = room_plan().graph
+    assert graph is not None
+    features = json.loads((out / "route.geojson").read_text())["features"]
+    nodes = {one["properties"]["id"]: one for one in features if one["geometry"]["type"] == "Point"}
+    edges = [one for one in features if one["geometry"]["type"] == "MultiLineString"]
+    assert {one["properties"]["frame"] for one in nodes.values()} == {"map"}
+    # No number stands for two things, vertices and edges alike.
+    assert len({one["properties"]["id"] for one in features}) == len(features)
+    ways = {(one["properties"]["startid"], one["properties"]["endid"]): one for one in edges}
+    assert len(ways) == len(edges) == 2 * len(graph.edges)
+    assert {tuple(edge) for edge in graph.edges.tolist()} == {way for way in ways if way[0] < way[1]}
+    for (start, end), one in ways.items():
+        assert (end, start) in ways
+        (line,) = one["geometry"]["coordinates"]
+        assert line == [nodes[start]["geometry"]["coordinates"], nodes[end]["geometry"]["coordinates"]]
+        assert one["properties"]["cost"] == pytest.approx(np.linalg.norm(np.subtract(*line)))
+
+
+def test_all_takes_what_can_be_had_and_names_what_is_left_out(run_folder, tmp_path, monkeypatch, capsys):
+    for name in ("steps.jsonl", "frames.jsonl", "camera.json", "trajectory.tum", "depth"):
+        (tmp_path / name).symlink_to(run_folder / name)
+    monkeypatch.setattr(formats, "find_spec", lambda module: None)
+    assert main(["export", str(tmp_path), "--format", "all", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert "trajectory_base.tum" in said.out
+    assert (
+        "Left out: mcap. This needs the package mcap, which is not installed: pip install 'anm-mj[mcap]'." in said.err
+    )
+    assert "Left out: colmap. " in said.err
+    assert main(["export", str(tmp_path), "--format", "mcap", "--out", str(tmp_path / "out")]) == 2
+
+
+def test_images_of_a_run_that_kept_small_ones_are_exported_with_a_warning(tmp_path, caplog):
+    path = box_run(tmp_path / "box", 3)
+    export_run(path, ["nerfstudio"], tmp_path / "out")
+    assert "explore with --keep-images" in caplog.text
+
+
 def test_signed_distances(run_folder, out):
     with np.load(out / "sdf.npz") as data:
         volume = dict(data)
@@ -262,10 +299,11 @@ def test_every_format_is_tested_here(out):
     assert {path.name for path in out.iterdir()} == {
         "mesh.glb", "mesh.ply", "mesh.obj", "trajectory_camera.tum", "trajectory_base.tum",
         "trajectory_camera.kitti.txt", "nerfstudio", "colmap", "map.yaml", "map.pgm", "graph.graphml", "graph.geojson",
+        "route.geojson",
         "sdf.npz", "esdf.npz", "run.mcap", "topdown.png", "topdown.pdf", "topdown.svg", "curve.png", "curve.pdf",
         "curve.svg", "rosbag",
     }  # fmt: skip
-    assert len(FORMATS) == 15
+    assert len(FORMATS) == 16
 
 
 def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):

@@ -50,16 +50,16 @@ def compressed(time_s, data, words):
     return make("sensor_msgs/msg/CompressedImage", header=header(time_s, "optical"), format=words, data=data)
 
 
-def calibration(time_s, store=STORE):
+def calibration(time_s, store=STORE, camera=CAMERA):
     region = make(
         "sensor_msgs/msg/RegionOfInterest", store, x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
     )
-    k = np.array([CAMERA.fx, 0.0, CAMERA.cx - 0.5, 0.0, CAMERA.fy, CAMERA.cy - 0.5, 0.0, 0.0, 1.0])
+    k = np.array([camera.fx, 0.0, camera.cx - 0.5, 0.0, camera.fy, camera.cy - 0.5, 0.0, 0.0, 1.0])
     named = {"d": np.zeros(5), "k": k, "r": np.eye(3).ravel(), "p": np.zeros(12)}
     if store is not STORE:
         named = {name.upper(): value for name, value in named.items()}
-    return make("sensor_msgs/msg/CameraInfo", store, header=header(time_s, "optical", store), height=CAMERA.height,
-                width=CAMERA.width, distortion_model="plumb_bob", binning_x=0, binning_y=0, roi=region,
+    return make("sensor_msgs/msg/CameraInfo", store, header=header(time_s, "optical", store), height=camera.height,
+                width=camera.width, distortion_model="plumb_bob", binning_x=0, binning_y=0, roi=region,
                 **named)  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from anm_mj.errors import RunFolderError
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from tests.io.bags import (
+    CAMERA,
     DEPTH,
     T_BASE_CAMERA,
     base_of,
@@ -85,15 +86,19 @@ def test_a_localiser_that_seldom_speaks_holds_and_is_named(tmp_path, caplog):
         assert moved_m == pytest.approx(0.01 * seen()[step].time_s, abs=1e-6)
 
 
-def test_two_calibrations_that_differ_are_said(tmp_path, caplog):
+def test_of_two_calibrations_of_one_frame_that_of_the_colour_is_taken(tmp_path, caplog):
     info = DEPTH.replace("image_raw", "camera_info")
     said = images() + poses_by_tf()
     said += [("/camera/color/camera_info", t, message) for topic, t, message in said if topic == info]
     open_sequence(write_bag(tmp_path / "same", said))
     assert "two calibrations differ" not in caplog.text
-    open_sequence(write_bag(tmp_path / "other", changed(info, lambda m, _: replace(m, k=1.5 * m.k), said)))
+    other = write_bag(tmp_path / "other", changed(info, lambda m, _: replace(m, k=1.5 * m.k), said))
+    sequence, _ = open_sequence(other)
     assert "two calibrations differ" in caplog.text
-    assert "--topic camera=/camera/color/camera_info" in caplog.text
+    assert "/camera/color/camera_info is taken, as depth of the colour's frame is seen by the" in caplog.text
+    assert sequence.intrinsics.fx == pytest.approx(CAMERA.fx)
+    named, _ = open_sequence(other, SequenceOptions(topics={"camera": info}))
+    assert named.intrinsics.fx == pytest.approx(1.5 * CAMERA.fx)
 
 
 def test_clocks_that_do_not_meet_are_named_with_their_times(tmp_path):

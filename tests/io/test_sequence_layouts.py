@@ -169,7 +169,7 @@ def test_only_every_third_frame(tmp_path):
         ({"layout": "lsd"}, "There is no layout 'lsd'; choose from run, anm-mj, tum"),
         ({"up": "x"}, "--up is 'x'"),
         ({"every": 0}, "--every is 0"),
-        ({"layout": "tum"}, "cannot be read in the layout tum"),
+        ({"layout": "tum"}, "no whole sequence of the layout tum: it has no groundtruth.txt, no rgb.txt"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(tmp_path, options, message):
@@ -249,7 +249,7 @@ def _mirror(facts):
             lambda facts: (
                 [frame.update(w=facts["w"] + i) for i, frame in enumerate(facts["frames"])] and facts.pop("w")
             ),
-            "gives its frames different w",
+            "cameras of different sizes",
         ),
     ],
 )

@@ -125,7 +125,7 @@ def test_pixels_without_depth_carve_only_if_asked_to(is_free, state):
     sky = np.full((64, 64), np.inf, np.float32)
     occupancy = DepthOccupancy(OccupancyConfig(no_depth_is_free=is_free))
     occupancy.integrate(sky, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
-    assert occupancy.state_at(np.array([[2.0, 0.0, 1.0]]))[0] == state
+    assert (occupancy.state_at(np.array([[2.0, 0.0, 1.0], [4.8, 0.0, 1.0]])) == state).all()
     assert (occupancy.grid.state != OCCUPIED).all()
 
 

@@ -149,6 +149,9 @@ def test_a_place_without_a_floor_is_no_way():
     topdown = topdown_map(TopDownMapper(PlanningConfig(), BODY), grid, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.75, 1.0) == OCCUPIED
     assert state_at(topdown, 1.0, 1.5) == FREE
+    # A drop is told from a wall.
+    assert topdown.no_floor[20, 55]
+    assert not topdown.no_floor[20, :50].any()
 
 
 def test_a_map_kept_up_step_by_step_is_the_map_made_at_once():

@@ -43,7 +43,7 @@ def test_a_gif_is_small_and_moves(run_folder, tmp_path):
 
 
 def test_the_surface_grows_in_the_film(run_folder):
-    mesh = growing_mesh(read_run(run_folder), with_uncertainty=False)
+    mesh = growing_mesh(read_run(run_folder), with_errors=False)
     assert mesh is not None
     timeline = read_timeline(run_folder)
     panel = SurfacePanel(mesh)

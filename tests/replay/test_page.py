@@ -85,21 +85,25 @@ def test_a_folder_that_is_no_run_is_one_sentence(tmp_path, capsys):
     assert "is not the folder of a run" in capsys.readouterr().err
 
 
-def test_uncertainty_has_a_unit():
+@pytest.mark.parametrize("true_m", [None, np.full(101, 0.05, np.float32)])
+def test_errors_have_a_unit_and_one_scale(true_m):
     mesh = GrowingMesh(
         np.zeros((101, 3), np.float32), np.zeros((1, 3), int), np.zeros((101, 3), np.uint8), np.zeros(101, int),
-        np.ones(1, int), np.linspace(0.002, 0.012, 101, dtype=np.float32),
+        np.ones(1, int), np.linspace(0.002, 0.012, 101, dtype=np.float32), true_m,
     )  # fmt: skip
-    found = _mesh(mesh, 1)["uncertainty"]
-    assert (found["low"], found["high"]) == ("≤ 2.2 mm", "≥ 12 mm")
+    found = _mesh(mesh, 1)["errors"]
+    assert [one["name"] for one in found] == ["expected error", "true error"][: len(found)]
+    ends = ("≤ 2.2 mm", "≥ 12 mm") if true_m is None else ("≤ 2.4 mm", "≥ 50 mm")
+    assert {(one["low"], one["high"]) for one in found} == {ends}
+    assert len(found) == 1 + (true_m is not None)
 
 
 def test_levels_are_even_in_the_logarithm():
-    found = levels(np.geomspace(1e-4, 1.0, 1001)).astype(int)
-    assert found[0] == 0
-    assert found[-1] == 255
+    found = levels(np.geomspace(1e-5, 10.0, 1001), 1e-4, 1.0).astype(int)
+    assert found[0] == found[160] == 0
+    assert found[-1] == found[840] == 255
     assert abs(found[500] - 127.5) < 2
-    assert levels(np.ones(5)).tolist() == [0] * 5
+    assert levels(np.ones(5), 1.0, 1.0).tolist() == [0] * 5
 
 
 def test_the_page_is_served_to_this_machine_only():

@@ -1,8 +1,10 @@
 """The replay in a browser: where everything stands at each size, and what keys, buttons and the curve do."""
 
+import base64
 import json
 from itertools import combinations
 
+import numpy as np
 import pytest
 
 from tests.viz.chromium import PROGRAM, Chromium
@@ -79,6 +81,7 @@ def test_nothing_overlaps_and_the_scene_is_in_view(browser, width, height):
         browser.evaluate(f"legend.open = {is_open}; new Promise(done => setTimeout(done, 50))")
         for view in ("home", "top"):
             browser.evaluate(f"replay.view.look('{view}')")
+            browser.keep(f"replay_{width}x{height}_{view}_{'open' if is_open == 'true' else 'closed'}")
             boxes = browser.evaluate(BOXES) | {"scene": browser.evaluate(SCENE)}
             for (name, one), (other_name, other) in combinations(boxes.items(), 2):
                 assert apart(one, other), (name, one, other_name, other)
@@ -145,23 +148,46 @@ def test_the_view_follows_the_robot_and_zoom_ends(browser):
     assert browser.evaluate("replay.view.distance()") == pytest.approx(whole)
 
 
+def changed(page, path, change):
+    """The page with other data."""
+    head, rest = page.read_text().split('<script id="data" type="application/json">')
+    text, tail = rest.split("</script>", 1)
+    data = json.loads(text)
+    change(data)
+    path.write_text(f'{head}<script id="data" type="application/json">{json.dumps(data)}</script>{tail}')
+    return path
+
+
+def encoded(values):
+    return base64.b64encode(values.astype("<f4").tobytes()).decode()
+
+
 def test_the_legend_names_what_is_drawn(browser, page, tmp_path):
     words = "[...document.querySelectorAll('#layers label')].map(one => one.textContent)"
     shown = browser.evaluate(words)
     assert shown[-3:] == ["regions of interest", "planned path", "target"]
     assert browser.evaluate("ruler.textContent.trim()").endswith("m")
-    head, rest = page.read_text().split('<script id="data" type="application/json">')
-    text, tail = rest.split("</script>", 1)
-    data = json.loads(text)
-    for graph in data["graphs"]:
-        graph["regions"] = []
-    for plan in data["plans"]:
-        plan["target"] = None
-    other = tmp_path / "other.html"
-    other.write_text(f'{head}<script id="data" type="application/json">{json.dumps(data)}</script>{tail}')
+    assert browser.evaluate("document.getElementById('pose').hidden")
+
+    def localised(data):
+        for graph in data["graphs"]:
+            graph["regions"] = []
+        for plan in data["plans"]:
+            plan["target"] = None
+        places = np.frombuffer(base64.b64decode(data["poses"]), "<f4").reshape(-1, 3)[:, :2]
+        data["truth"] = encoded(np.add(places, [0.0, 0.3]))
+        data["ellipses"] = encoded(np.tile([0.4, 0.2, 0.0], (len(places), 1)))
+        data["lost"] = [3]
+
+    other = changed(page, tmp_path / "other.html", localised)
+    shown = [one for one in shown if one not in ("regions of interest", "target")]
+    shown += ["true trajectory", "2 sigma of the position"]
     with Chromium(tmp_path) as browser:
         browser.open(other.as_uri(), "window.replay")
-        assert browser.evaluate(words) == [one for one in shown if one not in ("regions of interest", "target")]
+        pose = "document.getElementById('pose').textContent"
+        assert browser.evaluate(pose) == "30.0 cm off, 2 sigma 40.0 cm"
+        assert browser.evaluate(f"replay.show(3); {pose}") == "lost"
+        assert browser.evaluate(words) == shown
 
 
 def test_the_page_is_dark_where_the_system_is(browser):
@@ -171,5 +197,6 @@ def test_the_page_is_dark_where_the_system_is(browser):
     browser.wait(f"{ink} != '{light}'")
     sky = "replay.viewer.scene_tree.find(['Background']).object.top_color"
     browser.wait(f"{sky}[0] < 80")
+    browser.keep("replay_dark")
     browser.call("Emulation.setEmulatedMedia", features=[])
     browser.wait(f"{ink} == '{light}' && {sky}[0] == 255")

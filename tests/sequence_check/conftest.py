@@ -11,6 +11,7 @@ from anm_mj.frames import pixel_directions
 from anm_mj.io.sequence import Frame, Sequence
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import camera_pose, room_depth
+from tests.recorded.walk import painted
 
 CAMERA = Intrinsics.from_fov(80, 60, math.radians(60.0))
 
@@ -22,17 +23,10 @@ def pose_at(time_s: float) -> np.ndarray:
     return T
 
 
-def painted(T: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-    """A colour for each place on the walls."""
-    points = (pixel_directions(CAMERA) * depth_m[..., None]) @ T[:3, :3].T + T[:3, 3]
-    shade = 0.5 + 0.22 * np.sin(points @ [5.0, 3.0, 4.0]) + 0.22 * np.sin(points @ [-3.0, 6.0, 2.0])
-    return np.repeat((255 * shade).astype(np.uint8)[..., None], 3, axis=2)
-
-
 def frame(time_s: float, colour_s: float | None = None) -> Frame:
     T, C = pose_at(time_s), pose_at(time_s if colour_s is None else colour_s)
     depth = room_depth(T, CAMERA).astype(np.float32)
-    rgb = painted(C, room_depth(C, CAMERA))
+    rgb = painted(C, room_depth(C, CAMERA), pixel_directions(CAMERA))
     return Frame(time_s, lambda: rgb, lambda: depth, T)
 
 

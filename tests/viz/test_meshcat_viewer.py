@@ -1,12 +1,15 @@
 import asyncio
 import contextlib
+import json
 import logging
 import os
 import socket
+import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from tornado.websocket import websocket_connect
 from anm_mj.errors import RenderError
 from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.events import Ended
+from anm_mj.io.run_events import Mapped, Started
 from anm_mj.types import Pose2, StopReason
 from anm_mj.viz import file_server, meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
@@ -331,6 +335,30 @@ def test_showing_after_the_close_does_nothing():
     show(viewer, 2)
 
 
+def mapped(step):
+    return Mapped(observe(step, Pose2(0.3, 0.0, 0.0)), CountingMap(), None)
+
+
+@pytest.mark.parametrize("ends", ["nobody looks", "Ctrl-C"])
+def test_a_paused_run_waits_neither_for_a_page_that_is_closed_nor_at_ctrl_c(ends, monkeypatch):
+    monkeypatch.setattr(meshcat_viewer, "UNSEEN_S", 0.2 if ends == "nobody looks" else 1e9)
+    viewer = MeshcatViewer(port=0, is_ending=lambda: ends == "Ctrl-C")
+    viewer._on_word("pause")
+    assert viewer.on_event(mapped(0)) is False
+    viewer.close()
+
+
+def test_the_last_figure_of_a_run_is_shown(viewer):
+    rows = [completed(10, 12.0), completed(23, 41.5)]
+    viewer.on_event(Started(Path("runs/a b"), 500, lambda: rows[-1]))
+    viewer.on_event(Ended(StopReason.BUDGET, 23, 1.0, observe(23, Pose2(0.5, 0.5, 0.0))))
+    viewer.close()
+    said = {key: json.loads(text) for (key, kind), text in viewer._server._state.items() if kind == "text"}
+    assert said["progress"]["completed"] == "41.5 % of the observable surface"
+    assert said["curve"]["curve"] == [[23, 41.5]]
+    assert said["ended"]["ended"] == "Done after 23 steps. Replay it: anm-mj view 'runs/a b'"
+
+
 @pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")
 def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
     viewer = MeshcatViewer(port=0, title="box, gvg, seed 0")
@@ -343,6 +371,7 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         assert browser.evaluate("getComputedStyle(document.getElementById('meshcat-pane')).visibility") == "hidden"
         assert browser.evaluate("getComputedStyle(document.getElementById('picture')).display") == "none"
         assert browser.evaluate(text("step")) == "starting …"
+        browser.keep("live_start")
         show(viewer, 30)
         viewer.progress(9, 500, completed(9, 12.0))
         viewer.progress(29, 500, completed(29, 41.5))
@@ -360,10 +389,27 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         # The robot, its path and the walls, not an empty canvas.
         assert shown.std() > 8.0
 
+        # It waits while the page has paused it, and ends when the page says so.
+        follow = threading.Thread(target=lambda: answers.append(viewer.on_event(mapped(31))))
+        answers = []
+        browser.evaluate("pause.click()")
+        browser.wait("pause.textContent == 'Go on'")
+        browser.keep("live_paused")
+        follow.start()
+        follow.join(0.3)
+        assert answers == []
+        browser.evaluate("pause.click()")
+        follow.join(20)
+        browser.wait("pause.textContent == 'Pause'")
+        browser.evaluate("document.getElementById('stop').click()")
+        browser.wait("pause.disabled")
+        assert [*answers, viewer.on_event(mapped(32))] == [False, True]
+
         viewer.on_event(Ended(StopReason.COMPLETE, 30, 1.0, observe(30, Pose2(0.5, 0.5, 0.0))))
         viewer.close()
         browser.wait("!document.getElementById('ended').hidden")
         assert browser.evaluate(text("ended")) == "Ended after 30 steps: COMPLETE. Replay it: anm-mj view runs/latest"
+        browser.keep("live_ended")
         assert browser.evaluate("getComputedStyle(document.getElementById('ended')).color") == CALM
         assert browser.evaluate(text("step")) == "29 of at most 500"
         assert browser.problems == []

@@ -8,11 +8,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from anm_mj.types import Pose2
+from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, TopDownMap
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import KINDS, plain
-from anm_mj.viz.plots import draw_curve, draw_topdown
-from anm_mj.viz.tint import free_tint, rgb_of
+from anm_mj.viz.figure_file import KINDS, plain, save_figure
+from anm_mj.viz.plots import curve_figure, topdown_figure
+from anm_mj.viz.tint import free_tint, rgb_of, tint
 from tests.box_room import room_plan
 
 
@@ -23,7 +23,7 @@ def draw(path, **changes):
     target, kinds = parts.pop("target_xy_m", plan.target_xy_m), parts.pop("kinds", ("png",))
     assert plan.topdown is not None
     title = "box, 85.8 % complete, 60 steps"
-    draw_topdown(path, plan.topdown, *parts.values(), target_xy_m=target, title=title, kinds=kinds)
+    save_figure(topdown_figure(plan.topdown, *parts.values(), target_xy_m=target, title=title), path, kinds)
     with Image.open(path) as picture:
         return np.asarray(picture.convert("RGB")).astype(int)
 
@@ -64,7 +64,7 @@ def test_topdown_without_graph_and_poses(tmp_path, missing):
 def test_curve_is_drawn_however_short(tmp_path, num_rows):
     steps = 10 * np.arange(num_rows)
     ratio = 95.0 * (1.0 - np.exp(-steps / 100.0))
-    draw_curve(tmp_path / "curve.png", steps, ratio, ratio + 5.0, 100.0 - ratio, title="box")
+    save_figure(curve_figure(steps, ratio, ratio + 5.0, 100.0 - ratio, title="box"), tmp_path / "curve.png")
     with Image.open(tmp_path / "curve.png") as picture:
         assert min(picture.size) > 500
 
@@ -89,6 +89,16 @@ def test_free_and_unknown_space_differ_in_grey():
     assert np.diff(grey).min() > 20.0
 
 
+def test_a_drop_is_no_wall_in_the_picture():
+    state = np.full((1, 3), OCCUPIED, np.int8)
+    state[0, 2] = UNKNOWN
+    no_floor = np.array([[True, False, False]])
+    image = tint(TopDownMap(np.zeros((1, 3), np.float32), state, 0.05, np.zeros(2), no_floor=no_floor))
+    assert [tuple(pixel) for pixel in image[0]] == [
+        rgb_of(colour) for colour in (palette.NO_FLOOR, palette.WALL, palette.UNKNOWN)
+    ]
+
+
 def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
     picture = draw(tmp_path / "a.png", graph=None, regions=(), poses=[], target_xy_m=None)
     below = picture[int(0.9 * len(picture)) :]
@@ -100,7 +110,7 @@ def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
 def test_the_headline_metric_is_drawn_where_it_is_known(tmp_path, known):
     steps, ratio = 10 * np.arange(20), np.linspace(0.0, 60.0, 20)
     observable = ratio + 30.0 if known else np.full(20, np.nan)
-    draw_curve(tmp_path / "curve.png", steps, ratio, observable, 100.0 - ratio, title="box")
+    save_figure(curve_figure(steps, ratio, observable, 100.0 - ratio, title="box"), tmp_path / "curve.png")
     with Image.open(tmp_path / "curve.png") as picture:
         blue = np.abs(np.asarray(picture.convert("RGB")).astype(int) - [0x2B, 0x6C, 0xA3]).max(axis=2) < 4
     # Above 70 % in the axes there is only the headline's line.

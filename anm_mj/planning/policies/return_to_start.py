@@ -43,8 +43,8 @@ class _Return(NamedTuple):
 class ReturnToStart:
     """A policy that ends at its start: it drives back when the exploration is over, or in time for the budget."""
 
-    def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int) -> None:
-        """Wrap a policy that explores; the budget is ``num_steps`` discrete actions."""
+    def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int | None) -> None:
+        """Wrap a policy that explores; the budget is ``num_steps`` discrete actions. None = it is told when to end."""
         self._policy = policy
         self._stages = Stages(config, footprint)
         self._clearances_m = self._stages.safe_m, footprint.radius_m, 0.5 * footprint.radius_m
@@ -59,6 +59,11 @@ class ReturnToStart:
         """Steps before the return; None as long as the robot explores."""
         return None if self._end is None else self._end_step
 
+    def end(self, reason: str, step: int) -> None:
+        """End the exploration after so many actions; the next plan leads back."""
+        if self._end is None:
+            self._end, self._end_step = Plan(reason, stop=StopReason.RETURNED), step
+
     def observe(self, observation: Observation) -> None:
         """Note where the robot is; the first place is where it goes back to."""
         self._start = self._start or observation.pose
@@ -69,6 +74,8 @@ class ReturnToStart:
         """The policy's decision as long as the return leaves steps for it, then the return."""
         if self._end is not None:
             return self._go_back(mapper, observation, self._end)
+        if self._num_steps is None:
+            return self._policy.plan(mapper, observation)
         spare = self._spare_steps(mapper, observation)
         in_time = spare < 1
         if in_time:
@@ -113,6 +120,7 @@ class ReturnToStart:
     def _spare_steps(self, mapper: Mapper, observation: Observation) -> float:
         """Steps that the robot may still take before it has to think of the return again."""
         assert self._start is not None, "observe comes first"
+        assert self._num_steps is not None
         left = self._num_steps - observation.step - SPARE_STEPS
         # Nobody needs more steps to go back than to come here, with a turn at both ends.
         spare = (left - SLOWER * (observation.step + 2 * HALF_TURN)) / (1.0 + SLOWER)

@@ -19,6 +19,7 @@
   let ended = false;
   function end(text, lost) {
     ended = true;
+    element("orders").hidden = true;
     element("ended").textContent = text;
     element("ended").classList.toggle("lost", lost);
     element("ended").hidden = false;
@@ -38,19 +39,22 @@
     element("pace").textContent = rate.toFixed(rate < 10 ? 1 : 0) + " steps/s" + (numSteps ? ", at most " + minutes + ":" + seconds + " min left" : "");
   }
 
-  // Completion [%] over steps; the budget is the width, 100 % the height.
+  // Completion [%] over the steps of the budget, where it is known: every tenth step and the last.
+  const ROW_STEPS = 10;
+  let curve = null;
   function draw(points, numSteps) {
-    const canvas = element("curve"), context = canvas.getContext("2d");
-    canvas.hidden = points.length < 2;
-    context.clearRect(0, 0, canvas.width, canvas.height);
-    context.strokeStyle = themeColour("--line");
-    context.strokeRect(0.5, 0.5, canvas.width - 1, canvas.height - 1);
-    context.beginPath();
-    context.strokeStyle = themeColour("--accent");
-    context.lineWidth = 4;
-    const width = numSteps || points[points.length - 1][0];
-    for (const [step, percent] of points) context.lineTo(canvas.width * step / width, canvas.height * (1 - percent / 100));
-    context.stroke();
+    if (points.length < 2) return;
+    element("curve").hidden = false;
+    if (curve === null) {
+      const steps = [];
+      for (let step = 0; step <= numSteps; step += ROW_STEPS) steps.push(step);
+      if (steps[steps.length - 1] < numSteps) steps.push(numSteps);
+      curve = { steps, values: new Array(steps.length).fill(null) };
+      curve.shown = makeCurve(element("curve"), steps, curve.values, () => {});
+    }
+    const at = (step) => Math.ceil(step / ROW_STEPS);
+    for (const [step, percent] of points) curve.values[at(step)] = percent;
+    curve.shown.draw(at(points[points.length - 1][0]));
   }
   function tell(status) {
     if (status.title) { element("title").textContent = status.title; document.title = status.title; }
@@ -59,6 +63,12 @@
     if (status.completed) element("coverage").textContent = status.completed;
     if (status.curve) draw(status.curve, status.num_steps);
     if (status.reason) element("reason").textContent = status.reason;
+    if (status.paused !== undefined) {
+      recent.length = 0;
+      element("pause").textContent = status.paused ? "Go on" : "Pause";
+      element("pace").textContent = status.stopping ? "ending" : status.paused ? "paused" : "–";
+      for (const button of element("orders").children) button.disabled = status.stopping;
+    }
     if (status.picture) { element("picture").src = status.picture; element("picture").hidden = false; }
     if (status.ended) end(status.ended, false);
   }
@@ -71,6 +81,8 @@
       element("meshcat-pane").classList.remove("waiting");
     }
   };
+  element("pause").addEventListener("click", () => connection.send(element("pause").textContent === "Pause" ? "pause" : "go on"));
+  element("stop").addEventListener("click", () => connection.send("stop"));
   connection.onclose = () => { if (!ended) end("The connection is lost: the run has ended, or this machine cannot reach it.", true); };
   window.live = { viewer };
 })();

@@ -62,9 +62,7 @@
       return out;
     };
     colourings.push({ name: "surface as seen", rgb: rgb });
-    if (data.mesh.uncertainty) {
-      colourings.push({ name: "expected error", rgb: through(bytes(data.mesh.uncertainty.levels)), low: data.mesh.uncertainty.low, high: data.mesh.uncertainty.high });
-    }
+    for (const one of data.mesh.errors) colourings.push({ name: one.name, rgb: through(bytes(one.levels)), low: one.low, high: one.high });
     colourings.push({ name: "first seen", rgb: through(bytes(data.mesh.age)), low: "step 0", high: "step " + data.steps[data.steps.length - 1] });
     geometry.setAttribute("color", new THREE.BufferAttribute(new Uint8Array(rgb), 3, true));
     // Front faces only, so that near walls do not hide a room.
@@ -124,7 +122,8 @@
   for (let i = 0; i + 1 < n; i++) if (lost.has(i) || lost.has(i + 1)) known.splice(4 * i, 4, 0, 0, 0, 0);
   const trajectory = add("trajectory", new THREE.Mesh(bands(known, heights.trajectory, 0.045), flat(colours.trajectory)));
   trajectory.frustumCulled = false;
-  const truth = data.truth ? add("truth", new THREE.Mesh(bands(along(floats(data.truth)), heights.trajectory + 0.005, 0.018), flat(colours.truth))) : null;
+  const trueXy = data.truth ? floats(data.truth) : null;
+  const truth = trueXy ? add("truth", new THREE.Mesh(bands(along(trueXy), heights.trajectory + 0.005, 0.018), flat(colours.truth))) : null;
   if (truth) truth.frustumCulled = false;
   const ellipses = data.ellipses ? floats(data.ellipses) : null;
   const covariance = ellipses ? add("covariance", new THREE.Mesh(new THREE.CircleGeometry(1, 48), flat(colours.covariance))) : null;
@@ -170,6 +169,8 @@
   });
 
   let frame = -1;
+  // Told the step that is shown.
+  const hearers = [];
   function show(next) {
     frame = Math.max(0, Math.min(n - 1, next));
     const yaw = poses[3 * frame + 2];
@@ -182,6 +183,14 @@
     robot.children.concat(camera.children).forEach((child) => { if (child !== screen) child.visible = !lost.has(frame); });
     trajectory.geometry.setDrawRange(0, 6 * frame);
     if (truth) truth.geometry.setDrawRange(0, 6 * frame);
+    const said = [];
+    if (lost.has(frame)) said.push("lost");
+    else {
+      if (truth) said.push((100 * Math.hypot(trueXy[2 * frame] - poses[3 * frame], trueXy[2 * frame + 1] - poses[3 * frame + 1])).toFixed(1) + " cm off");
+      if (ellipses) said.push("2 sigma " + (100 * ellipses[3 * frame]).toFixed(1) + " cm");
+    }
+    element("pose").textContent = said.join(", ");
+    for (const id of ["pose-name", "pose"]) element(id).hidden = !(truth || ellipses || lost.size);
     if (covariance) {
       const [long, short, turn] = ellipses.slice(3 * frame, 3 * frame + 3);
       covariance.position.set(poses[3 * frame], poses[3 * frame + 1], body.height + 0.04);
@@ -201,6 +210,11 @@
     const image = data.images[data.image_of_frame[frame]];
     if (image && element("picture").src !== image) element("picture").src = image;
     viewer.set_dirty();
+    for (const hear of hearers) hear(data.steps[frame]);
+  }
+  // The last frame that is no later than a step.
+  function showStep(step) {
+    show(data.steps.findLastIndex((one) => one <= step));
   }
   element("picture").addEventListener("load", (event) => {
     if (!screen) return;
@@ -300,6 +314,6 @@
   followTheme(viewer, () => curve.draw());
   show(n - 1);
   view.look("home");
-  // For tests: what is shown, and the way to show something else.
-  window.replay = { show, play, num: n, robot, surface, view, viewer, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
+  // For tests and for a page that shows two replays: what is shown, and the way to show something else.
+  window.replay = { show, showStep, hearers, play, num: n, robot, surface, view, viewer, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
 })();

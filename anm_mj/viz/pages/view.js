@@ -89,5 +89,10 @@ function makeView(viewer, low, high, shown) {
   controls.addEventListener("start", () => { if (mode !== "follow") shown((mode = "free")); });
   window.addEventListener("resize", () => look(mode));
   document.getElementById("legend").addEventListener("toggle", () => look(mode));
-  return { look, follow, moved, mode: () => mode, distance: () => lens.position.distanceTo(controls.target) };
+  // Somebody else moves the view from now on.
+  function release() {
+    controls.maxDistance = Infinity;
+    if (mode !== "free") shown((mode = "free"));
+  }
+  return { look, follow, moved, release, mode: () => mode, distance: () => lens.position.distanceTo(controls.target) };
 }

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.paths import remaining_path
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
+from anm_mj.planning.policies.gvg.information_gain import ExpectedView
 from anm_mj.planning.policies.gvg.views import Viewpoint, signed_turns
 from anm_mj.types import ARRIVED_M, NEAR_TARGET_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
 
@@ -23,13 +24,21 @@ class ActiveTarget:
     """
 
     def __init__(
-        self, viewpoint: Viewpoint, *, expected_gain_m2: float, seen_m2: float, config: GvgConfig, view_side: int
+        self,
+        viewpoint: Viewpoint,
+        *,
+        expected_gain_m2: float,
+        view: ExpectedView,
+        seen_m2: float,
+        config: GvgConfig,
+        view_side: int,
     ) -> None:
         """Choose a target.
 
         Args:
             viewpoint: where it is.
             expected_gain_m2: new surface that the view there, and the turns to it, are expected to show [m2].
+            view: what the view alone is expected to show.
             seen_m2: surface seen so far [m2].
             config: when a plan may be reused.
             view_side: sectors on either side of the middle one that a view covers.
@@ -41,6 +50,8 @@ class ActiveTarget:
         """Where it is now."""
         self.expected_gain_m2 = expected_gain_m2
         """At its choice [m2]."""
+        self.view = view
+        """What the view alone was expected to show at its choice."""
         self.seen_before_m2 = seen_m2
         """Surface seen before its choice [m2]."""
         self._plan = Plan("")

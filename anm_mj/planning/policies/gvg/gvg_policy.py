@@ -34,6 +34,7 @@ from anm_mj.planning.policies.gvg.candidate_places import CandidatePlaces, candi
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.planning.policies.gvg.gvg_config import AS_MANY_AS_NEEDED, GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
+from anm_mj.planning.policies.gvg.place_kinds import KINDS
 from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
@@ -52,6 +53,7 @@ from anm_mj.types import (
     Plan,
     Pose2,
     StopReason,
+    TargetOutcome,
     TopDownMap,
 )
 from anm_mj.utils.stopwatch import Stopwatch
@@ -71,6 +73,8 @@ class Gvg:
         self._unmeasured = UnmeasuredRays()
         self._gain: InformationGain | None = None
         self._target: ActiveTarget | None = None
+        self._closed: TargetOutcome | None = None
+        """The target that the present decision has closed."""
         self._bootstrapped = False
         self._goal = context.goal
         self._improving = False
@@ -92,6 +96,7 @@ class Gvg:
             "tried": self._gain.tried.astype(np.float32),
             "window": self._stagnation.window,
             "num_poor": np.array(self._tracker.num_poor),
+            "yields": self._tracker.gain_yield.evidence_m2,
         }
 
     def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
@@ -101,10 +106,13 @@ class Gvg:
         self._prior = prior.poses
         self._tried = remembered(prior, "tried", (None, 4))
         window, num_poor = remembered(prior, "window", (None, 2)), remembered(prior, "num_poor", ())
+        yields = remembered(prior, "yields", (2, len(KINDS)))
         if window is not None:
             self._stagnation.continue_from(window)
         if num_poor is not None:
             self._tracker.num_poor = max(0, int(num_poor))
+        if yields is not None:
+            self._tracker.gain_yield.continue_from(yields)
 
     def observe(self, observation: Observation) -> None:
         """Note where the robot is, and where its camera measured nothing."""
@@ -115,6 +123,11 @@ class Gvg:
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the way to the first view of the best tour."""
+        self._closed = None
+        plan = self._next_plan(mapper, observation)
+        return plan if self._closed is None else replace(plan, closed=self._closed)
+
+    def _next_plan(self, mapper: Mapper, observation: Observation) -> Plan:
         if self._goal == "reconstruction" and self._can_improve(mapper):
             self._improving = True
         is_first, self._bootstrapped = not self._bootstrapped, True
@@ -133,6 +146,7 @@ class Gvg:
             return plan
         state = self._stages.update_graph(topdown, observation.pose, watch)
         with watch.stage("gain"):
+            gain.place_kinds.update(gain.occupancy, state.pose)
             if self._target is not None and self._target.is_reached(state.pose):
                 self._close_target(gain, state.pose)
         plan = self._decide(state, gain, mapper, observation)
@@ -159,6 +173,7 @@ class Gvg:
         is_first = self._gain is None
         if self._gain is None:
             self._gain = InformationGain(self.config, FieldOfView.of(observation))
+            self._gain.expect_yields(self._tracker.gain_yield.of_kind)
         self._gain.update(mapper.occupancy_grid(), window)
         if is_first and self._tried is not None:
             self._gain.take_tried(self._tried.astype(float))
@@ -168,6 +183,8 @@ class Gvg:
                 self._gain.suppress_view(Pose2(x, y, yaw))
         if observation.step == self._heard_step:
             self._gain.suppress_view(observation.pose)
+        if self._gain.place_kinds.is_stale(self._gain.occupancy):
+            self._gain.place_kinds.update(self._gain.occupancy, observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
@@ -197,13 +214,9 @@ class Gvg:
         return target.reuse(path, view_gain_m2=view_gain_m2, seen_m2=gain.seen_m2, topdown=topdown, stage_ms=watch.ms)
 
     def _close_target(self, gain: InformationGain, pose: Pose2) -> None:
-        """Judge the present target by what it brought; if it failed, suppress what it was expected to show."""
         target, self._target = self._target, None
-        if target is None:
-            return
-        view = gain.expected_view(target.viewpoint)
-        if self._tracker.close(target, seen_m2=gain.seen_m2, expected_now_m2=view.gain_m2, pose=pose):
-            gain.suppress(view.cells, view.distance_m)
+        if target is not None:
+            self._closed = self._tracker.close(target, gain, pose, learns=not self._improving)
 
     def _decide(self, state: PlanningState, gain: InformationGain, mapper: Mapper, observation: Observation) -> Plan:
         """A full decision: the first view of the best tour that a path leads to, or the end."""
@@ -246,10 +259,8 @@ class Gvg:
         """The best tours, best first, and the places that their views refer to."""
         costs, shared = TravelCosts(state.paths), self._stages.config
         weighs_certainty = shared.uncertainty_aware and shared.unbound_step_cost > 0.0 and self._is_estimated
-        heading, limits = (
-            sector_of(state.pose.yaw_rad),
-            {"depth": self.config.tour_depth, "width": self.config.tour_width},
-        )
+        heading = sector_of(state.pose.yaw_rad)
+        limits = {"depth": self.config.tour_depth, "width": self.config.tour_width}
 
         def search(discount_steps: float) -> tuple[Places, list[Tour], float]:
             """The same for one discount, and the value of the best tour's start times its gain per step [m2]."""
@@ -287,13 +298,9 @@ class Gvg:
         kept = self._target is not None and self._target.is_same(viewpoint)
         if not kept:
             self._close_target(gain, pose)
-        target = self._target or ActiveTarget(
-            viewpoint,
-            expected_gain_m2=first.gain_m2,
-            seen_m2=gain.seen_m2,
-            config=self.config,
-            view_side=gain.view_side,
-        )
+        view = gain.expected_view(viewpoint)
+        given = {"seen_m2": gain.seen_m2, "config": self.config, "view_side": gain.view_side}
+        target = self._target or ActiveTarget(viewpoint, expected_gain_m2=first.gain_m2, view=view, **given)
         # A heading that the robot can have: the sector's own may lie half a turn step beside it.
         yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
         purpose = " to improve the map" if self._improving else ""
@@ -304,7 +311,7 @@ class Gvg:
         )
         steps = self.config.replan_steps
         plan = state.plan(reason, path_xy_m=path, headings_rad=(yaw,), valid_steps=steps, candidates=first_views)
-        target.decide(viewpoint, plan, view_gain_m2=gain.expected_view(viewpoint).gain_m2, seen_m2=gain.seen_m2)
+        target.decide(viewpoint, plan, view_gain_m2=view.gain_m2, seen_m2=gain.seen_m2)
         self._target = target
         return plan
 

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Int, UInt8
 
 from anm_mj import _native
 from anm_mj.planning.field_of_view import FieldOfView
@@ -29,6 +29,7 @@ from anm_mj.planning.policies.gvg.binding import unbound_shares
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
+from anm_mj.planning.policies.gvg.place_kinds import KINDS, PlaceKinds
 from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
@@ -55,6 +56,8 @@ class ExpectedView:
     """Their distances [m]."""
     gain_m2: float
     """New surface in the whole view [m2]."""
+    of_kind_m2: Float[np.ndarray, " kinds"]
+    """The same for each of ``KINDS`` of places [m2]."""
 
 
 class InformationGain:
@@ -82,6 +85,8 @@ class InformationGain:
             num_elevations=config.num_elevations,
         )
         self._cache = GainCache(config.candidate_spacing_m)
+        self.place_kinds = PlaceKinds()
+        self._yield_of_kind = np.ones(len(KINDS), np.float32)
         self._improvement: ExpectedImprovement | None = None
         """What views improve of known surface; None as long as only new surface counts."""
         self._changed: Box | None = None
@@ -97,6 +102,12 @@ class InformationGain:
         changed = self.occupancy.update(grid, window)
         if changed is not None:
             self._note_change(*changed)
+
+    def expect_yields(self, of_kind: Float32[np.ndarray, " kinds"]) -> None:
+        """Expect of each kind of place this share of the surface that its rays cover."""
+        if not np.array_equal(of_kind, self._yield_of_kind):
+            self._yield_of_kind = of_kind
+            self._note_change(np.full(2, -np.inf), np.full(2, np.inf))
 
     def improve(
         self, errors: SurfaceErrors, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, focal_px: float
@@ -190,12 +201,14 @@ class InformationGain:
         """What the view from a viewpoint is expected to show."""
         rays = self._rays.cast(viewpoint.xy_m[None])
         sectors = (viewpoint.heading + view_sectors(self.view_side)) % NUM_AZIMUTHS
-        hit, gain_m2, sample = (
-            a.reshape(NUM_AZIMUTHS, -1)[sectors] for a in (rays.hit, self._ray_gains(rays), rays.sample)
+        hit, gain_m2, sample, depth = (
+            a.reshape(NUM_AZIMUTHS, -1)[sectors] for a in (rays.hit, self._ray_gains(rays), rays.sample, rays.depth)
         )
         counts = gain_m2 > 0.0
-        distance_m = self._rays.distance_m[sample[counts]].astype(float)
-        return ExpectedView(hit[counts].astype(np.int64), distance_m, float(gain_m2.sum()))
+        cells, distance_m = hit[counts].astype(np.int64), self._rays.distance_m[sample[counts]].astype(float)
+        # Without any cell, bincount gives integers.
+        of_kind = np.bincount(self._kinds(cells, depth[counts]), gain_m2[counts], len(KINDS)).astype(float)
+        return ExpectedView(cells, distance_m, float(gain_m2.sum()), of_kind)
 
     def _ray_gains(self, rays: Rays) -> Float32[np.ndarray, "n rays"]:
         """Expected new surface of each ray [m2]."""
@@ -205,12 +218,18 @@ class InformationGain:
         gain_m2 = np.empty(rays.hit.shape, np.float32)
         # Zero where a ray does not end in the unknown.
         _native.ray_gains(*rays, self._rays.distance_m, occupancy.layer_share, occupancy.tried_from_m, rule, gain_m2)
+        at = np.nonzero(gain_m2)
+        gain_m2[at] *= self._yield_of_kind[self._kinds(rays.hit[at], rays.depth[at])]
         if self._improvement is not None:
             at = np.nonzero(rays.state == OCCUPIED)
             distance_m = self._rays.distance_m[rays.sample[at]]
             share = self._improvement.share(occupancy.centres(rays.hit[at]), distance_m)
             gain_m2[at] = share * distance_m**2 * np.float32(self._rays.solid_angle)
         return gain_m2
+
+    def _kinds(self, cells: Int[np.ndarray, " n"], depth: UInt8[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
+        """Kinds of the places of unknown cells that go on for so many cells along a ray."""
+        return self.place_kinds.of(cells, depth * self.occupancy.cell_m >= self._config.max_unknown_depth_m)
 
     def _patches(self, rays: Rays) -> Int[np.ndarray, "n rays"]:
         """The patch of space that contains the hit of each ray."""

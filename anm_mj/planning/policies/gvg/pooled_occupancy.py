@@ -20,6 +20,8 @@ from anm_mj.utils.arrays import embed
 
 POOL = 2
 """Voxels along the edge of a cell."""
+KNOWN = 2
+"""State of a cell that holds no new surface, without being free."""
 BLOCK = 32
 """The grid grows by multiples of this many cells, so that it seldom does."""
 LOWEST_M = 0.2
@@ -29,7 +31,7 @@ USUAL_SHARE = 0.02
 
 
 class PooledOccupancy:
-    """Cells ``[layer, row, col]``: free, occupied, unknown, or 2: known to hold no new surface, without being free."""
+    """Cells ``[layer, row, col]``: free, occupied, unknown, or ``KNOWN``."""
 
     def __init__(self, rim_m: float) -> None:
         """Start empty; the rim of unknown around what was observed is this wide [m]."""

@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
+from anm_mj.planning.policies.gvg.gain_yield import GainYield
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
+from anm_mj.planning.policies.gvg.information_gain import ExpectedView, InformationGain
+from anm_mj.planning.policies.gvg.place_kinds import KINDS
 from anm_mj.planning.policies.gvg.views import Viewpoint
 from anm_mj.types import Pose2
 
@@ -11,10 +15,32 @@ CONFIG = GvgConfig()
 THERE, ELSEWHERE = Pose2(1.0, 2.0, 0.0), Pose2(5.0, 2.0, 0.0)
 
 
-def close(tracker, *, expected_m2, brought_m2, expected_now_m2, pose):
-    viewpoint = Viewpoint(np.array([1.0, 2.0]), 0)
-    target = ActiveTarget(viewpoint, expected_gain_m2=expected_m2, seen_m2=100.0, config=CONFIG, view_side=4)
-    return tracker.close(target, seen_m2=100.0 + brought_m2, expected_now_m2=expected_now_m2, pose=pose)
+class Gain(InformationGain):
+    """A view that shows nothing but openings, and records what is done to it."""
+
+    def __init__(self, seen_m2, view):
+        super().__init__(CONFIG, FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25))
+        self._seen_m2, self.view = seen_m2, view
+        self.suppressed = None
+
+    seen_m2 = property(lambda self: self._seen_m2)
+
+    def expected_view(self, viewpoint):
+        return self.view
+
+    def suppress(self, cells, distance_m):
+        self.suppressed = cells
+
+
+def view_of(gain_m2):
+    return ExpectedView(np.zeros(1, int), np.ones(1), gain_m2, gain_m2 * np.eye(len(KINDS))[KINDS.index("opening")])
+
+
+def close(tracker, *, expected_m2, brought_m2, expected_now_m2, pose, turns_m2=0.0):
+    given = {"expected_gain_m2": expected_m2 + turns_m2, "seen_m2": 100.0, "config": CONFIG, "view_side": 4}
+    target = ActiveTarget(Viewpoint(np.array([1.0, 2.0]), 0), view=view_of(expected_m2), **given)
+    gain = Gain(100.0 + brought_m2, view_of(expected_now_m2))
+    return tracker.close(target, gain, pose), gain.suppressed is not None
 
 
 @pytest.mark.parametrize(
@@ -22,15 +48,44 @@ def close(tracker, *, expected_m2, brought_m2, expected_now_m2, pose):
     [(0.1, 8.0, THERE, True), (0.1, 0.5, ELSEWHERE, True), (6.0, 0.0, THERE, False)],
 )
 def test_target_fails_without_its_gain(brought_m2, expected_now_m2, pose, failed):
-    tracker = GainTracker(CONFIG)
-    found = close(tracker, expected_m2=8.0, brought_m2=brought_m2, expected_now_m2=expected_now_m2, pose=pose)
-    assert found == failed
+    outcome, suppressed = close(
+        GainTracker(CONFIG), expected_m2=8.0, brought_m2=brought_m2, expected_now_m2=expected_now_m2, pose=pose
+    )
+    assert suppressed == failed
+    assert (outcome.kind, outcome.expected_m2, outcome.judged) == ("opening", 8.0, True)
+    assert outcome.realised_m2 == pytest.approx(brought_m2)
 
 
 def test_target_left_while_its_gain_stands_is_not_judged():
+    # Most was expected of the turns on the way; what the view alone expects stands.
     tracker = GainTracker(CONFIG)
-    assert not close(tracker, expected_m2=8.0, brought_m2=0.0, expected_now_m2=7.0, pose=ELSEWHERE)
+    left = {"expected_m2": 8.0, "brought_m2": 0.0, "expected_now_m2": 7.0, "pose": ELSEWHERE, "turns_m2": 20.0}
+    outcome, suppressed = close(tracker, **left)
+    assert not outcome.judged
+    assert not suppressed
     assert tracker.num_poor == 0
+    assert (tracker.gain_yield.evidence_m2 == 0.0).all()
+
+
+def test_poor_look_tells_about_its_likes():
+    tracker = GainTracker(CONFIG)
+    close(tracker, expected_m2=40.0, brought_m2=1.0, expected_now_m2=0.0, pose=THERE)
+    before = tracker.gain_yield.of_kind
+    opening = KINDS.index("opening")
+    assert before[opening] < 0.4
+    assert (np.delete(before, opening) == np.delete(GainYield().of_kind, opening)).all()
+    # What pays as it was expected to changes nothing.
+    expected_m2 = 40.0 * float(before[opening])
+    close(tracker, expected_m2=expected_m2, brought_m2=expected_m2, expected_now_m2=0.0, pose=THERE)
+    assert np.allclose(tracker.gain_yield.of_kind, before, atol=1e-6)
+
+
+def test_yields_go_on_in_a_continued_run():
+    first, second = GainYield(), GainYield()
+    first.learn(np.array([10.0, 0.0, 0.0, 30.0, 0.0, 0.0]), np.array([4.0, 0.0, 0.0, 2.0, 0.0, 0.0]))
+    second.continue_from(first.evidence_m2)
+    assert (second.of_kind == first.of_kind).all()
+    assert 0.0 < second.of_kind[3] < second.of_kind[0] < 1.0
 
 
 def test_poor_targets_exhaust_small_gains_first():

@@ -8,6 +8,7 @@ from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg import ray_cache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain, view_gains
+from anm_mj.planning.policies.gvg.views import Viewpoint
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2
 from tests.planning.worlds import RESOLUTION_M, room
 
@@ -214,3 +215,9 @@ def test_update_says_where_the_occupancy_changed():
     assert (changed[0] <= [2.0, 1.5]).all()
     assert (changed[1] >= [2.05, 1.55]).all()
     assert (changed[1] - changed[0] < 0.6).all()
+
+
+def test_view_of_a_known_room_expects_nothing_of_any_kind():
+    view = gain_in(with_lid(room(4, 3))).expected_view(Viewpoint(np.array([2.0, 1.5]), 0))
+    assert view.gain_m2 == 0.0
+    assert not view.of_kind_m2.any()

@@ -1,0 +1,54 @@
+"""How a run is put back to where its checkpoint was taken."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from anm_mj.checkpoint.checkpoint_file import StoredState
+from anm_mj.checkpoint.decode import restore
+from anm_mj.checkpoint.known_classes import KnownClasses
+from anm_mj.errors import AnmError, CheckpointError
+from anm_mj.planning.policies.guarded_policy import describe_error
+
+_logger = logging.getLogger(__name__)
+
+
+@contextmanager
+def of_stored_state(stored: StoredState) -> Iterator[None]:
+    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it."""
+    try:
+        yield
+    except AnmError:
+        raise
+    except Exception as err:
+        _logger.debug("The error of the resumed run:", exc_info=True)
+        raise CheckpointError(
+            f"The run cannot go on from its checkpoint at step {stored.step} ({describe_error(err)}); start it again."
+        ) from err
+
+
+def lay_over(stored: StoredState, roots: dict[str, Any], known: KnownClasses) -> None:
+    """Fill newly made objects with the stored state; raises CheckpointError where it is that of another run."""
+    try:
+        restore(stored.nodes, stored.arrays, roots, known)
+    except CheckpointError as err:
+        raise CheckpointError(f"The checkpoint at step {stored.step} does not fit this run: {err}") from err
+
+
+def say_other_engine(stored: StoredState, engine: str) -> None:
+    """Warn where the map was trained by another engine than the one that goes on."""
+    if stored.facts.get("engine") != engine:
+        _logger.warning(
+            "The map was trained by %s and now is by %s: the run goes on, but not byte for byte.",
+            stored.facts.get("engine"),
+            engine,
+        )
+
+
+def first_difference(before: dict[str, Any], now: dict[str, Any], free: tuple[str, ...]) -> str | None:
+    """The first setting, by its name, that two configurations say differently; one with a free beginning may."""
+    both = sorted(before.keys() & now.keys())
+    return next((name for name in both if name.split(".")[0] not in free and before[name] != now[name]), None)

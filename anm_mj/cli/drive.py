@@ -1,0 +1,86 @@
+"""``anm-mj drive``: one run on a robot that speaks ROS 2."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from anm_mj.cli.command_line import Fields, Option, Report
+from anm_mj.cli.explore import policy_names, show_run
+from anm_mj.cli.map import topics_by_role
+from anm_mj.cli.option_types import Count, NewFolder, Settings
+from anm_mj.errors import ConfigError
+
+_ROLES = {"colour", "depth", "camera", "odometry", "command"}
+_FIELDS = ("goal", "seed", "device", "preset", "return_to_start")
+
+
+def _run_fields() -> tuple[type, Mapping[str, Option]]:
+    from anm_mj.config import OPTIONS, RunConfig
+
+    return RunConfig, {name: Option(OPTIONS[name]) for name in _FIELDS} | {
+        "policy": Option(OPTIONS["policy"], names=policy_names)
+    }
+
+
+def drive(
+    *,
+    resume: Annotated[Path | None, Option("RUN")] = None,
+    out: NewFolder | None = None,
+    namespace: Annotated[str, Option("NAME")] = "",
+    topic: Annotated[Sequence[str], Option("ROLE=NAME")] = (),
+    steps: Count | None = None,
+    pose: Literal["odometry", "slam"] = "slam",
+    dry: bool = False,
+    wait: bool = False,
+    settings: Settings = (),
+    verbose: bool = False,
+    **options: Annotated[Any, Fields(_run_fields)],
+) -> Report:
+    """Explore with a robot that speaks ROS 2, without an installation of ROS, and write a run folder.
+
+    Example: anm-mj drive --topic depth=/camera/aligned_depth_to_color/image_raw
+
+    Args:
+        resume: go on with a run that was killed or interrupted, from its folder; takes no settings
+        out: run folder; by default a new one in runs/
+        namespace: of the robot's topics (ros.namespace)
+        topic: topic for colour, depth, camera, odometry or command, where several fit; may be repeated
+        steps: budget of discrete actions, turns included (default: 2000)
+        pose: slam corrects the odometry by localisation in the map
+        dry: do not drive: only map, and show what would be done
+        wait: begin at the command start on explore/command
+        settings: any setting of config.json, those of the robot too (ros.NAME); may be repeated
+        verbose: show details
+        **options: fields of ``RunConfig``
+
+    Raises:
+        AnmError: an option cannot have its value, or the robot cannot be used.
+    """
+    from anm_mj.config import DEFAULT_PRESET, make_config
+    from anm_mj.ros.drive import LIVE, STEPS, go_on
+    from anm_mj.ros.drive import drive as drive_robot
+    from anm_mj.ros.drive_config import DriveConfig
+
+    if resume is not None:
+        given = {"--out": out, "--steps": steps, "--topic": topic, "--set": settings, "--namespace": namespace}
+        for flag in [flag for flag, value in given.items() if value] + [f"--{name}" for name in options]:
+            raise ConfigError(f"--resume goes on with the run as it was set up; leave out {flag}.")
+        return show_run(functools.partial(go_on, resume, waits=wait), None, None, verbose=verbose, live=True)
+    topics = topics_by_role(topic)
+    if strange := sorted(topics.keys() - _ROLES):
+        raise ConfigError(f"--topic {strange[0]}=... names no role; give one of {', '.join(sorted(_ROLES))}.")
+    named = [f"ros.{role}={name}" for role, name in topics.items()] + ([f"ros.namespace={namespace}"] * bool(namespace))
+    config = make_config(
+        options.pop("preset", DEFAULT_PRESET),
+        [*named, *settings],
+        kind=DriveConfig,
+        scene=LIVE,
+        pose=pose,
+        steps=STEPS if steps is None else steps,
+        dry=dry,
+        **options,
+    )
+    return show_run(functools.partial(drive_robot, config, out=out, waits=wait), None, None, verbose=verbose, live=True)

@@ -1,0 +1,82 @@
+"""``anm-mj simulate``: the simulated robot for other programs, as a ROS 2 robot."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Annotated, Any
+
+from anm_mj.cli.command_line import Fields, Option
+from anm_mj.cli.option_types import Settings
+from anm_mj.errors import ConfigError
+from anm_mj.sim.sensors.sensor_presets import SENSORS
+
+
+def _robot_fields() -> tuple[type, dict[str, Option]]:
+    from anm_mj.config import OPTIONS
+    from anm_mj.sim.simulation_config import SimulationConfig
+
+    return SimulationConfig, {name: Option(OPTIONS[name]) for name in ("robot", "drive", "seed", "start")}
+
+
+def simulate(
+    scene: str,
+    *,
+    ros: bool = False,
+    namespace: Annotated[str, Option("NAME")] = "",
+    rate: Annotated[float, Option("N")] = 1.0,
+    image_hz: Annotated[float, Option("HZ")] = 10.0,
+    duration: Annotated[float | None, Option("SECONDS")] = None,
+    sensor: Annotated[str, Option(names=lambda: SENSORS)] = "exact",
+    settings: Settings = (),
+    **options: Annotated[Any, Fields(_robot_fields)],
+) -> int:
+    """Let other programs drive the simulated robot in a scene, over ROS 2 and without an installation of it.
+
+    Example: anm-mj simulate home --ros
+
+    Args:
+        scene: name from the catalogue (anm-mj scene list), a scene folder, or a file to import
+        ros: speak ROS 2 (DDS, domain ROS_DOMAIN_ID)
+        namespace: of its topics, where there are several robots
+        rate: simulated seconds per second; what cannot be drawn in time is left out
+        image_hz: pairs of colour and depth per simulated second
+        duration: end after so many simulated seconds; by default at Ctrl-C
+        sensor: errors of the camera, in detail by --set sensor.NAME=VALUE
+        settings: settings of robot and sensor, as in model.wheel_noise=0.02; may be repeated
+        **options: fields of ``SimulationConfig``
+
+    Raises:
+        AnmError: scene, robot or network cannot be used.
+    """
+    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.progress import Interrupt
+    from anm_mj.config import DEFAULT_PRESET, make_config
+    from anm_mj.scene.folder import load_scene
+    from anm_mj.scene.importing.import_on_demand import folder_of
+    from anm_mj.sim.gl import select_backend
+
+    if not ros:
+        raise ConfigError("--ros is missing; it is the only way in which other programs can drive the robot so far.")
+    from anm_mj.ros.node import Node
+
+    if not os.path.isdir(scene):
+        select_backend()
+    config = make_config(
+        DEFAULT_PRESET, list(settings), scene=folder_of(scene), sensor=sensor, pose="odometry", **options
+    )
+    world = load_scene(config.scene)
+    from anm_mj.ros.simulated_robot import SimulatedRosRobot
+    from anm_mj.sim.make_robot import make_robot
+
+    console = PlainConsole()
+    with Node(namespace) as node, make_robot(world, config, knows_start=False, forgets_textures=True) as robot:
+        served = SimulatedRosRobot(robot, node, image_hz=image_hz, rate=rate)
+        with Interrupt(console, "Ending.") as interrupt:
+            console.say(f"{world.name}: the robot listens to {node.name('cmd_vel')}; Ctrl-C ends it.")
+            done = served.serve(lambda: interrupt.is_requested, math.inf if duration is None else duration)
+    console.say(
+        f"{done.simulated_s:.1f} s simulated in {done.wall_s:.1f} s (real-time factor {done.rate:.2f}), "
+        f"{done.contacts} contacts, {done.images} pairs of images, {done.skipped} left out."
+    )
+    return 0

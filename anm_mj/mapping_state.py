@@ -1,0 +1,138 @@
+"""Where the mapping of a recorded sequence stands, for a checkpoint, and how it is read back."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from anm_mj.checkpoint.checkpoint_file import StoredState
+from anm_mj.checkpoint.going_on import first_difference
+from anm_mj.checkpoint.store import CheckpointStore
+from anm_mj.config import RunConfig, leaves
+from anm_mj.errors import CheckpointError
+from anm_mj.io.jsonl import LineWriter
+from anm_mj.io.run_folder import RunFolder, refuse_links
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.io.sequence import Sequence
+from anm_mj.io.to_json import to_json
+from anm_mj.recording.run_log import RunLog
+from anm_mj.sequence_check.frame_fit import FrameFit
+from anm_mj.types import Observation
+from anm_mj.utils.read_file import convert
+from anm_mj.utils.stopwatch import Stopwatch
+
+_FREE = ("scene", "device", "checkpoint")
+"""Settings that may differ: the sequence is compared by its content, and the others do not change a frame."""
+
+
+class MappingState:
+    """What was mapped so far."""
+
+    def __init__(self) -> None:
+        """Before the first frame."""
+        self.records: list[FrameRecord] = []
+        self.fits: list[FrameFit] = []
+        self.watch = Stopwatch()
+        self.last: Observation | None = None
+        """The last frame."""
+
+    @property
+    def next_frame(self) -> int:
+        """Number of the frame to go on with."""
+        return 0 if self.last is None else self.last.step + 1
+
+
+class _Facts(Struct):
+    """What a mapping says of itself in a checkpoint."""
+
+    files: dict[str, Annotated[int, Meta(ge=0, le=1 << 50)]]
+    """Lengths of its logs by name [bytes]."""
+    engine: str
+    wall_s: Annotated[float, Meta(ge=0.0, le=1e12)]
+    config: dict[str, Any]
+    sequence: str
+    """Hash of the frames."""
+
+
+def facts_of(
+    sequence: Sequence, config: RunConfig, engine: str, files: Iterable[LineWriter], wall_s: float
+) -> dict[str, Any]:
+    """What a checkpoint says beside the state.
+
+    Args:
+        sequence: What is mapped.
+        config: How.
+        engine: What trains the map.
+        files: The logs.
+        wall_s: Time spent so far [s].
+    """
+    sizes = {file.path.name: file.size for file in files}
+    return {
+        "files": sizes,
+        "engine": engine,
+        "wall_s": wall_s,
+        "config": to_json(config),
+        "sequence": _digest(sequence),
+    }
+
+
+def stored_mapping(path: Path, sequence: Sequence, config: RunConfig) -> tuple[RunFolder, StoredState]:
+    """The newest checkpoint of a mapping that did not end.
+
+    Raises:
+        RunFolderError: the folder is no run.
+        CheckpointError: there is none, or it is one of another sequence or of other settings.
+    """
+    folder = RunFolder.open(path)
+    refuse_links(folder.path.resolve())
+    stored = CheckpointStore(folder.checkpoints).newest(lambda state: _require_logs(folder, state))
+    facts = convert(stored.facts, _Facts)
+    if facts.sequence != _digest(sequence):
+        raise CheckpointError(
+            f"The sequence is not the one that {folder.path} began with, or is read in another way (camera, poses, "
+            "floor, every Nth frame); give the same, or start a new run."
+        )
+    before, now = dict(leaves(facts.config)), dict(leaves(to_json(config)))
+    name = first_difference(before, now, _FREE)
+    if name is not None:
+        raise CheckpointError(
+            f"{name} is {now[name]!r:.60}, and {folder.path} began with {before[name]!r:.60}; give the same, or start "
+            "a new run."
+        )
+    return folder, stored
+
+
+def open_logs(
+    folder: RunFolder, config: RunConfig, stored: StoredState | None, *, tracks: bool
+) -> tuple[RunLog, list[LineWriter]]:
+    """The logs, and that of found poses where there are such; what was written after a checkpoint is removed."""
+    before = None if stored is None else (stored.facts["files"], stored.step)
+    name = folder.camera_trajectory
+    cameras = [LineWriter(name, before and before[0].get(name.name))] if tracks else []
+    return RunLog(folder, config.record, before), cameras
+
+
+def _require_logs(folder: RunFolder, state: StoredState) -> None:
+    """Raises CheckpointError unless the logs reach as far as the checkpoint."""
+    try:
+        facts = convert(state.facts, _Facts)
+    except ValueError as err:
+        raise CheckpointError(f"It does not say what it was made of ({err}).") from err
+    for name, size in facts.files.items():
+        path = folder.path / Path(name).name
+        if not path.is_file() or path.stat().st_size < size:
+            raise CheckpointError(f"{path.name} is shorter than it was at frame {state.step}.")
+
+
+def _digest(sequence: Sequence) -> str:
+    """Of what decides how frames are seen, but for the pixels themselves."""
+    frames = sequence.frames
+    numbers = np.array([[frame.time_s, *frame.T_world_camera.ravel()] for frame in frames])
+    facts = (sequence.intrinsics, sequence.depth_unit_m, sequence.depth_scale, sequence.ray_depth, sequence.mirrored)
+    said = repr((len(frames), facts, sequence.distortion, sequence.has_poses))
+    return hashlib.sha256(said.encode() + numbers.astype(np.float64).tobytes()).hexdigest()

@@ -1,0 +1,131 @@
+"""A run on a live robot: the loop, recorder and run folder of any other, over ROS 2."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from anm_mj.config import RunConfig
+from anm_mj.evaluation.metrics import Metrics
+from anm_mj.events import Observer
+from anm_mj.io.manifest import RunFacts
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.loop_state import LoopState
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.guarded_policy import GuardedPolicy
+from anm_mj.planning.policies.registry import make_policy
+from anm_mj.planning.policies.return_to_start import ReturnToStart
+from anm_mj.resume import resume
+from anm_mj.ros.connect import connect
+from anm_mj.ros.control import Control
+from anm_mj.ros.drive_config import DriveConfig
+from anm_mj.ros.map_publisher import MapPublisher
+from anm_mj.run import run_with
+from anm_mj.run_parts import Parts, make_localiser, make_mapper, wrapped_policy
+
+LIVE = "live"
+"""Stands in the manifest for what a live robot has not: a scene, a file, a renderer."""
+STEPS = 2000
+"""Budget of a run that says none."""
+
+
+@dataclass
+class _Followers:
+    """Observers that are known only once the robot is connected."""
+
+    those: list[Observer] = field(default_factory=list)
+
+    def on_event(self, event: object) -> bool:
+        return any([observer.on_event(event) for observer in self.those])
+
+
+def drive(
+    config: DriveConfig,
+    *,
+    out: Path | None = None,
+    waits: bool = False,
+    is_over: Callable[[], bool] = lambda: False,
+    observers: Sequence[Observer] = (),
+) -> tuple[RunFolder, Metrics]:
+    """Explore with a live robot, and write everything about it.
+
+    Args:
+        config: what to do.
+        out: the run folder; None = a new one below ``runs/``.
+        waits: whether the robot waits for ``start`` on ``explore/command``.
+        is_over: whether the user wants an end, for the waits within a step.
+        observers: see :func:`anm_mj.run.run`.
+
+    Raises:
+        AnmError: robot, network, policy, device or output folder cannot be used.
+    """
+    begin, state, followers = time.perf_counter(), LoopState(), _Followers()
+    with _parts(config, observers, followers=followers, state=state, waits=waits, is_over=is_over) as parts:
+        return run_with(parts, begin, out=out, observers=(*observers, followers), state=state)
+
+
+def go_on(
+    path: Path, *, waits: bool = False, is_over: Callable[[], bool] = lambda: False, observers: Sequence[Observer] = ()
+) -> tuple[RunFolder, Metrics]:
+    """Go on with a run on a live robot that was killed or interrupted, as long as its odometry went on meanwhile.
+
+    Args:
+        path: its folder.
+        waits: see :func:`drive`.
+        is_over: see :func:`drive`.
+        observers: see :func:`drive`.
+
+    Raises:
+        CheckpointError: see :func:`anm_mj.resume.resume`.
+        AnmError: see :func:`drive`.
+    """
+    state, followers = LoopState(), _Followers()
+    assemble = functools.partial(_parts, followers=followers, state=state, waits=waits, is_over=is_over)
+    return resume(path, observers=(*observers, followers), kind=DriveConfig, assemble=assemble, state=state)
+
+
+@contextmanager
+def _parts(
+    config: RunConfig, observers: Sequence[Observer] = (), *, followers: _Followers, state: LoopState, **options: Any
+) -> Iterator[Parts]:
+    """Connect to the robot and put the run together; the robot is stopped at the end."""
+    assert isinstance(config, DriveConfig)
+    mapper = make_mapper(config)
+    footprint = config.ros.footprint
+    context = PolicyContext(footprint, config.policy_settings, config.planning, config.seed, None, config.goal)
+    explorer = GuardedPolicy(make_policy(config.policy, context), config.policy)
+    policy = wrapped_policy(explorer, config, footprint)
+    if not isinstance(policy, ReturnToStart):
+        policy = ReturnToStart(policy, config.planning, footprint, None)
+    waits, asked = options["waits"], options["is_over"]
+    with connect(config, asked) as to:
+        publisher = MapPublisher(to)
+        to.poses.on_pose = publisher.tell
+        control = Control(to.node, mapper, policy, state, waits=waits)
+        to.robot.is_over = lambda: asked() or control.is_over
+        followers.those += [publisher, control]
+        name, localiser = config.ros.namespace or LIVE, make_localiser(config, mapper)
+        yield Parts(config, name, to.robot, mapper, localiser, explorer, policy, _facts(config, mapper))
+
+
+def _facts(config: DriveConfig, mapper: Any) -> RunFacts:
+    return RunFacts(
+        scene=config.scene,
+        scene_hash="",
+        robot=LIVE,
+        robot_hash="",
+        policy=config.policy,
+        goal=config.goal,
+        seed=config.seed,
+        device=mapper.backend.device,
+        engine=mapper.backend.name,
+        gl_backend=LIVE,
+        gl_renderer=LIVE,
+        camera=LIVE,
+        sensor=LIVE,
+    )

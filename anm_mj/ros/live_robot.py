@@ -1,0 +1,223 @@
+"""A robot that speaks ROS 2: implements :class:`anm_mj.protocols.Robot` by its images, its odometry and velocities."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from anm_mj.control.action_motion import action_motion
+from anm_mj.errors import RobotError
+from anm_mj.frames import back_project, pose_matrix, wrap_angle
+from anm_mj.ros.commander import PERIOD_S, STILL, Commander
+from anm_mj.ros.drive_config import DriveConfig
+from anm_mj.ros.health import Health
+from anm_mj.ros.poses import Poses
+from anm_mj.ros.rgbd_intake import Rgbd, RgbdIntake, free_way_m
+from anm_mj.types import (
+    Action,
+    ActionResult,
+    Footprint,
+    Intrinsics,
+    MotionResult,
+    Observation,
+    Pose2,
+    Twist,
+    WheelSpeeds,
+)
+
+_NO_WHEELS = WheelSpeeds(0.0, 0.0)
+_LATE_S = 0.06
+"""The robot drives so long after the velocity that was commanded last [s]."""
+_ARRIVED_M, _ARRIVED_RAD = 0.002, 0.005
+_CREEP_MPS, _CREEP_RADPS = 0.02, 0.08
+"""The slowest that a robot is driven."""
+_STRAIGHTEN = 1.5
+"""Turn rate per heading error on the way [1/s]."""
+_MOVED_M, _MOVED_RAD = 0.001, 0.003
+"""Less in ``stall_s`` is no motion."""
+_REST_M, _REST_RAD, _REST_POSES = 5e-4, 1e-3, 3
+"""A robot whose poses differ by less for so many of them is at rest."""
+_PATIENCE_S = 0.25
+"""So long a wait for images or poses lasts before it looks whether the run is to end [s]."""
+_BELOW_M, _BELOW_SHARE = 0.15, 0.2
+"""More of the first image so far below the floor contradicts the frames or the depth."""
+_DRY_S = 1.0
+"""A run that only shows looks again after this time [s]."""
+
+_logger = logging.getLogger(__name__)
+
+
+class LiveRobot:
+    """A robot over the wire. It drives only while images, poses and clock are as they should be."""
+
+    REBUILT = ("_intake", "_poses", "_commander", "_health", "_config", "is_over", "_rest_s", "_last", "_way")
+
+    def __init__(
+        self, intake: RgbdIntake, poses: Poses, commander: Commander, health: Health, config: DriveConfig
+    ) -> None:
+        """Combine the parts."""
+        self._intake, self._poses, self._commander, self._health = intake, poses, commander, health
+        self._config = config
+        self.step = 0
+        """Number of executed actions, without STOP."""
+        self.is_over: Callable[[], bool] = lambda: False
+        """Whether the run is to end, for waits that have no end of their own."""
+        self._rest_s = -math.inf
+        self._last = Pose2(0.0, 0.0, 0.0)
+        self._way: tuple[float, float] = (-math.inf, math.inf)
+        """When the way ahead was seen last, and how far it is free then [s, m]."""
+        commander.way_m, commander.stamp_s = (lambda: self._way[1]), (lambda: poses.latest_s)
+        intake.on_depth = self._see_way
+
+    @property
+    def footprint(self) -> Footprint:
+        """The cylinder that must stay clear of obstacles."""
+        return self._config.ros.footprint
+
+    def observe(self) -> Observation:
+        """The first view since the robot came to rest.
+
+        Raises:
+            RobotError: nothing came before the run was to end, or the first view contradicts the frames.
+        """
+        while True:
+            # A clock that was set back makes the time of rest one to come.
+            seen = self._intake.wait_newer(min(self._rest_s, self._poses.latest_s), _PATIENCE_S)
+            found = None if seen is None else self._posed(seen)
+            if found is not None:
+                break
+            if self.is_over():
+                raise RobotError("The run was ended while it waited for an image.")
+            if seen is not None:
+                time.sleep(PERIOD_S)  # Its pose is still on its way.
+        if self.step == 0:
+            _require_floor(found, self._intake.depth)
+        return found
+
+    def act(self, action: Action) -> ActionResult:
+        """Execute one action to its end, by the poses of the odometry; an obstacle ahead or a stall ends it."""
+        if action is Action.STOP:
+            return ActionResult(action, False, _NO_WHEELS, 0.0)
+        start = self._pose()
+        if self._config.dry:
+            time.sleep(_DRY_S)
+            collided = False
+        else:
+            collided = self._drive_until(start, *action_motion(action))
+        self.step += 1
+        end = self._come_to_rest()
+        return ActionResult(action, collided, _NO_WHEELS, math.dist(start.xy_m, end.xy_m))
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Drive at a velocity for a time [s], and stop."""
+        start, begin = self._pose(), time.monotonic()
+        while time.monotonic() - begin < duration_s and not self._commander.is_blocked:
+            self._commander.drive(twist)
+            time.sleep(PERIOD_S)
+        collided, end = self._commander.is_blocked, self._come_to_rest()
+        turned = abs(wrap_angle(end.yaw_rad - start.yaw_rad))
+        took_s = time.monotonic() - begin
+        return MotionResult(collided, _NO_WHEELS, math.dist(start.xy_m, end.xy_m), turned, took_s)
+
+    def close(self) -> None:
+        """Stop the robot."""
+        self._commander.close()
+
+    def _drive_until(self, start: Pose2, forward_m: float, turn_rad: float) -> bool:
+        """Drive by feedback; whether something was in the way."""
+        limits, pose, turned = self._config.ros, start, 0.0
+        moved_at, since = (0.0, 0.0), time.monotonic()
+        speed = rate = 0.0
+        while not self.is_over():
+            new = self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
+            if new is None or self._health.present() is not None:
+                # The commander has stopped the robot; it goes on from wherever it stands.
+                since = time.monotonic()
+                continue
+            turned += wrap_angle(new.yaw_rad - pose.yaw_rad)
+            pose = new
+            c, s = math.cos(start.yaw_rad), math.sin(start.yaw_rad)
+            gone = c * (pose.x_m - start.x_m) + s * (pose.y_m - start.y_m)
+            left_m, left_rad = forward_m - gone, turn_rad - turned
+            if (left_m < _ARRIVED_M) if forward_m else (math.copysign(left_rad, left_rad * turn_rad) < _ARRIVED_RAD):
+                return False
+            if self._commander.is_blocked:
+                return True
+            if abs(gone - moved_at[0]) > _MOVED_M or abs(turned - moved_at[1]) > _MOVED_RAD:
+                moved_at, since = (gone, turned), time.monotonic()
+            elif time.monotonic() - since > limits.stall_s:
+                _logger.warning("The robot did not move for %g s although it was driven.", limits.stall_s)
+                return True
+            if forward_m:
+                speed = _profile(left_m - speed * _LATE_S, limits.forward_mps2, _CREEP_MPS, limits.forward_mps)
+                rate = -_STRAIGHTEN * turned
+            else:
+                ahead_rad = abs(left_rad) - abs(rate) * _LATE_S
+                rate = _profile(ahead_rad, limits.turn_radps2, _CREEP_RADPS, limits.turn_radps)
+                rate = math.copysign(rate, turn_rad)
+            self._commander.drive(Twist(speed, rate), max(left_m, 0.0))
+        return False
+
+    def _come_to_rest(self) -> Pose2:
+        """Stop, and wait until the robot stands."""
+        self._commander.drive(STILL)
+        self._commander.stop()
+        pose, still = self._pose(), 0
+        while still < _REST_POSES and not self.is_over():
+            new = self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
+            if new is None:
+                continue
+            near = math.dist(new.xy_m, pose.xy_m) < _REST_M
+            near &= abs(wrap_angle(new.yaw_rad - pose.yaw_rad)) < _REST_RAD
+            still, pose = still + 1 if near or self._config.dry else 0, new
+        self._rest_s = self._poses.latest_s
+        return pose
+
+    def _pose(self) -> Pose2:
+        """The last pose that is known."""
+        self._last = self._poses.base(self._poses.latest_s) or self._last
+        return self._last
+
+    def _posed(self, seen: Rgbd) -> Observation | None:
+        """An image with its pose; None while that is not known."""
+        pose, T_base_camera = self._poses.base(seen.time_s), self._poses.camera(seen.frame, seen.time_s)
+        if pose is None or T_base_camera is None:
+            return None
+        return Observation(
+            step=self.step,
+            time_s=seen.time_s,
+            rgb=seen.rgb,
+            depth_m=seen.depth_m,
+            intrinsics=seen.intrinsics,
+            T_world_camera=pose_matrix(pose) @ T_base_camera,
+            pose=pose,
+            range_m=self._config.ros.max_range_m or math.inf,
+        )
+
+    def _see_way(self, time_s: float, depth_m: Float32[np.ndarray, "h w"], camera: Intrinsics, frame: str) -> None:
+        ros = self._config.ros
+        T_base_camera: Float[np.ndarray, "4 4"] | None = self._poses.camera(frame, time_s)
+        if T_base_camera is not None:
+            heights = ros.low_m, ros.height_m
+            self._way = time_s, free_way_m(depth_m, camera, T_base_camera, ros.radius_m, heights)
+
+
+def _profile(left: float, acceleration: float, slowest: float, fastest: float) -> float:
+    """The speed from which a robot can brake within what is left, both in metres or both in radians."""
+    return min(max(math.sqrt(2.0 * acceleration * max(left, 0.0)), slowest), fastest)
+
+
+def _require_floor(seen: Observation, topic: str) -> None:
+    """Raises RobotError where much of the first image lies below the floor."""
+    points = back_project(seen.depth_m, seen.intrinsics, seen.T_world_camera)
+    below = float(np.mean(points[:, 2] < -_BELOW_M)) if len(points) else 0.0
+    if below > _BELOW_SHARE:
+        raise RobotError(
+            f"{below:.0%} of the first image on {topic} lies more than {_BELOW_M:g} m below the floor, which is at the "
+            "height of the base frame: check the pose of the camera on tf_static, ros.base_frame and ros.depth_unit_m."
+        )

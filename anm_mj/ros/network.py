@@ -1,0 +1,61 @@
+"""Which DDS domain and which network the program speaks on, as the environment of ROS 2 says."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from anm_mj.errors import ConfigError
+
+MOST_DOMAINS = 232
+"""Domains with a higher number have no ports [DDSI-RTPS 9.6.1.1]."""
+_LOCALHOST = """
+<CycloneDDS><Domain>
+  <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
+    <AllowMulticast>false</AllowMulticast></General>
+  <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+    <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>
+"""
+
+
+def domain_id(environment: Mapping[str, str] = os.environ) -> int:
+    """The number of the domain by ``ROS_DOMAIN_ID``, 0 without it.
+
+    Raises:
+        ConfigError: it is no number of a domain.
+    """
+    text = environment.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not (text.isdecimal() and int(text) <= MOST_DOMAINS):
+        raise ConfigError(f"ROS_DOMAIN_ID is '{text}'; set a whole number from 0 to {MOST_DOMAINS}.")
+    return int(text)
+
+
+def network_config(environment: Mapping[str, str] = os.environ) -> str | None:
+    """The configuration of Cyclone DDS that the environment asks for; None = its own, or that of ``CYCLONEDDS_URI``.
+
+    Raises:
+        ConfigError: ``ROS_AUTOMATIC_DISCOVERY_RANGE`` has a value that is not known.
+    """
+    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"
+    if reach not in ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"):
+        raise ConfigError(
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE is '{reach}'; set SUBNET, LOCALHOST or SYSTEM_DEFAULT, or name the "
+            "peers in a file of CYCLONEDDS_URI."
+        )
+    local = environment.get("ROS_LOCALHOST_ONLY", "0") == "1" or reach == "LOCALHOST"
+    return _LOCALHOST if local and not environment.get("CYCLONEDDS_URI") else None
+
+
+@functools.cache
+def domain(number: int, config: str | None) -> Any:
+    """The domain of this process; it can be configured once.
+
+    Raises:
+        ModuleNotFoundError: the package cyclonedds is missing.
+    """
+    from cyclonedds.domain import Domain
+
+    return None if config is None else Domain(number, config)

@@ -1,0 +1,239 @@
+"""A node of ROS 2 without ROS: publishes and subscribes over DDS, with the names, types and QoS of ROS 2."""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from cyclonedds._clayer import ddspy_take, ddspy_write
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from anm_mj.errors import ConfigError, RobotError
+from anm_mj.io.ros_messages import RosMessages
+from anm_mj.ros.dds_types import DdsTypes
+from anm_mj.ros.network import domain, domain_id, network_config
+
+_ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_BLOCKING_S = 0.02
+"""A reliable publisher waits so long for a slow subscriber [s]."""
+_POLL_S = 0.2
+"""The thread of the subscriptions looks so often whether it is to end [s]."""
+_NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
+_SERVICE = "uint64 client\nint64 number\n"
+"""What precedes request and reply of a service where ROS 2 runs on Cyclone DDS."""
+_TRIGGER = {"Request": "uint8 unused\n", "Reply": "bool success\nstring message\n"}
+
+Heard = Callable[[Any, int], object]
+"""Called with a message, and a number that stands for its publisher."""
+
+_logger = logging.getLogger(__name__)
+
+
+class Delivery(NamedTuple):
+    """The quality of service of a topic."""
+
+    reliable: bool
+    latched: bool = False
+    """Whether the last message goes to who subscribes later (``transient local``)."""
+    depth: int = 10
+    """Messages that are kept for a slow subscriber."""
+
+    def policies(self) -> Qos:
+        """As DDS has it."""
+        reliable = Policy.Reliability.Reliable(duration(seconds=_BLOCKING_S))
+        return Qos(
+            reliable if self.reliable else Policy.Reliability.BestEffort,
+            Policy.Durability.TransientLocal if self.latched else Policy.Durability.Volatile,
+            Policy.History.KeepLast(self.depth),
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+        )
+
+
+SENSOR = Delivery(reliable=False, depth=5)
+"""Subscriptions to what comes often: publishers of both kinds match."""
+STATE = Delivery(reliable=True)
+LATCHED = Delivery(reliable=True, latched=True, depth=1)
+
+
+class Publisher:
+    """Publishes messages on one topic."""
+
+    def __init__(self, writer: Any, messages: RosMessages, topic: str) -> None:
+        self._writer, self._messages, self.topic = writer, messages, topic
+        self.num_lost = 0
+        """Messages that a slow reliable subscriber had no room for."""
+
+    def publish(self, message: Any) -> None:
+        """Send a message to all subscribers; one that has no room for it does not get it."""
+        cdr = self._messages.to_cdr(message)
+        # DDS counts in words.
+        status = ddspy_write(self._writer._ref, cdr.ljust(-(-len(cdr) // 4) * 4, b"\0"))
+        if status == DDSException.DDS_RETCODE_TIMEOUT:
+            self.num_lost += 1
+        elif status < 0:
+            raise RobotError(f"{self.topic} cannot be published ({DDSException(status)}); start the program again.")
+
+    @property
+    def num_subscribers(self) -> int:
+        """Subscribers that match."""
+        return len(self._writer.get_matched_subscriptions())
+
+
+class Node:
+    """Speaks ROS 2; callbacks run in one thread of its own. Close it, or use it in a ``with`` statement."""
+
+    def __init__(self, namespace: str = "", *, on_bad: Callable[[str, str], None] | None = None) -> None:
+        """Join the domain of ``ROS_DOMAIN_ID``.
+
+        Args:
+            namespace: what relative names are below, such as ``robot1``.
+            on_bad: called with the name of a topic, and what is wrong with a message of it; None = that is logged.
+
+        Raises:
+            ConfigError: the namespace or the environment's settings of ROS have no meaning.
+            RobotError: the network cannot be used.
+        """
+        self.messages = RosMessages()
+        self._types = DdsTypes(self.messages.store)
+        self._namespace = require_name(namespace.strip("/")) if namespace.strip("/") else ""
+        self._on_bad = on_bad or (lambda topic, what: _logger.warning("%s: %s", topic, what))
+        self.number = number = domain_id()
+        config = network_config()
+        try:
+            self._domain = domain(number, config)
+            self._participant = DomainParticipant(number)
+        except DDSException as err:
+            raise RobotError(
+                f"Domain {number} of DDS cannot be joined ({err}); check the network, ROS_DOMAIN_ID and CYCLONEDDS_URI."
+            ) from err
+        self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        self._topics: dict[tuple[str, str], Any] = {}
+        self._readers: list[tuple[Any, str, str, Heard]] = []
+        self._waitset, self._lock = WaitSet(self._participant), threading.Lock()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
+        self._thread.start()
+
+    def name(self, topic: str) -> str:
+        """The whole name of a topic; one that begins with '/' is whole already.
+
+        Raises:
+            ConfigError: it is no name of ROS 2.
+        """
+        require_name(topic)
+        below = f"/{self._namespace}" if self._namespace else ""
+        return topic if topic.startswith("/") else f"{below}/{topic}"
+
+    def publisher(self, topic: str, kind: str, delivery: Delivery = STATE) -> Publisher:
+        """Publish messages of a type such as ``nav_msgs/msg/Odometry``."""
+        name = self.name(topic)
+        writer = DataWriter(self._participant, self._topic(f"rt{name}", kind), delivery.policies())
+        return Publisher(writer, self.messages, name)
+
+    def subscribe(self, topic: str, kind: str, heard: Heard, delivery: Delivery = SENSOR) -> None:
+        """Hear the messages of a topic.
+
+        Args:
+            topic: its name.
+            kind: its type.
+            heard: called with each message.
+            delivery: what is asked of publishers.
+        """
+        self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
+
+    def trigger(self, service: str, called: Callable[[], tuple[bool, str]]) -> None:
+        """Offer a service ``std_srvs/srv/Trigger``, for clients whose ROS 2 runs on Cyclone DDS.
+
+        Args:
+            service: its name.
+            called: gives success and message of the reply.
+        """
+        from rosbags.typesys import get_types_from_msg
+
+        name = self.name(service)
+        kinds = {}
+        for part, fields in _TRIGGER.items():
+            # DDS calls the type of a reply a response.
+            kind = kinds[part] = f"std_srvs/srv/Trigger_{part.replace('Reply', 'Response')}"
+            if kind not in self.messages.store.types:
+                (found,) = get_types_from_msg(_SERVICE + fields, kind).values()
+                self.messages.store.register({kind: found})
+        topic = self._topic(f"rr{name}Reply", kinds["Reply"])
+        replies = Publisher(DataWriter(self._participant, topic, STATE.policies()), self.messages, name)
+
+        def heard(request: Any, publisher: int) -> None:
+            success, message = called()
+            reply = {"client": request.client, "number": request.number, "success": success, "message": message}
+            replies.publish(self.messages.make(kinds["Reply"], **reply))
+
+        self._read(f"rq{name}Request", name, kinds["Request"], heard, STATE)
+
+    def published(self) -> dict[str, str]:
+        """The topics that anybody publishes, by name, with their types such as ``sensor_msgs/msg/Image``."""
+        found = self._publications.read(10_000)
+        named = {one.topic_name[2:]: one.type_name for one in found if one.topic_name.startswith("rt/")}
+        return {name: kind.replace("::dds_::", "::").replace("::", "/").rstrip("_") for name, kind in named.items()}
+
+    def close(self) -> None:
+        """Leave the domain; a second time does nothing."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._thread.join(5.0)
+        # Its readers and writers go with it, whoever still holds them.
+        self._participant.__del__()
+
+    def __enter__(self) -> Node:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _topic(self, name: str, kind: str) -> Any:
+        if (name, kind) not in self._topics:
+            self._topics[name, kind] = Topic(self._participant, name, self._types.of(kind))
+        return self._topics[name, kind]
+
+    def _read(self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery) -> None:
+        reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
+        condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        with self._lock:
+            self._waitset.attach(condition)
+            self._readers.append((reader, name, kind, heard))
+
+    def _spin(self) -> None:
+        while not self._closing.is_set():
+            self._waitset.wait(duration(seconds=_POLL_S))
+            with self._lock:
+                readers = list(self._readers)
+            for reader, name, kind, heard in readers:
+                taken = ddspy_take(reader._ref, _ANY, 100)
+                for data, about in taken if isinstance(taken, list) else ():
+                    if about.valid_data:
+                        self._hear(data, about.publication_handle, name, kind, heard)
+
+    def _hear(self, data: bytes, publisher: int, name: str, kind: str, heard: Heard) -> None:
+        """Hand a message on; whatever anybody sends, the thread goes on."""
+        try:
+            heard(self.messages.store.deserialize_cdr(data, kind), publisher)
+        except Exception as err:
+            self._on_bad(name, f"{err}" if isinstance(err, ValueError) else f"{type(err).__name__}: {err}")
+
+
+def require_name(name: str) -> str:
+    """The same name; raises ConfigError where ROS 2 has no such names."""
+    if not _NAME.fullmatch(name):
+        raise ConfigError(
+            f"'{name}' is no name of ROS 2; give letters, digits and '_' between slashes, as in camera/depth/image_raw."
+        )
+    return name

@@ -1,0 +1,184 @@
+"""Where the base and the camera of a live robot are over time, from odometry and the tree of frames."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.errors import RobotError
+from anm_mj.io.bag_poses import FrameTree, Track
+from anm_mj.io.ros_messages import seconds
+from anm_mj.ros.health import Health
+from anm_mj.ros.names import BASE, ODOM
+from anm_mj.types import Pose2
+
+FOOTPRINT = "base_footprint"
+TREE = "tf"
+"""Stands for the frames alone where a topic of odometry is named."""
+_MOST = 400
+"""Poses of a link that are kept, at the least half of them."""
+_GAP_S = 0.3
+"""Between poses farther apart, nothing is known [s]."""
+_SAME_TIME_S = 1.0
+"""Two programs publish the same link where both did so within this time [s]."""
+
+
+class Poses:
+    """Odometry and frames as they come; callbacks and questions may come from different threads."""
+
+    def __init__(self, health: Health, base_frame: str) -> None:
+        """Know nothing yet; an empty ``base_frame`` is found."""
+        self._health, self._base_frame = health, base_frame
+        self._tree = FrameTree()
+        self._odometry = Track("the odometry", gap_s=_GAP_S)
+        self._child = BASE
+        self._news = threading.Condition()
+        self._publishers: dict[tuple[str, str], dict[int, float]] = {}
+        self.source = ""
+        """What the poses come from, for messages."""
+        self._root = ""
+        self.on_pose: Callable[[], None] = lambda: None
+        """Called after each message with poses."""
+
+    def hear_odometry(self, message: Any) -> None:
+        """Take in ``nav_msgs/Odometry``."""
+        pose, time_s = message.pose.pose, seconds(message.header.stamp)
+        values = _values(pose.position, pose.orientation)
+        if not np.isfinite(values).all():
+            raise ValueError("a pose that is not finite is left out")
+        with self._news:
+            self._child = message.child_frame_id.lstrip("/") or self._child
+            _add(self._odometry, time_s, values)
+            self._news.notify_all()
+        self._health.hear(self.source, time_s)
+        self.on_pose()
+
+    def hear_frames(self, message: Any, publisher: int, *, static: bool) -> None:
+        """Take in ``tf2_msgs/TFMessage`` of ``/tf`` or, ``static``, of ``/tf_static``."""
+        now = time.monotonic()
+        for link in message.transforms:
+            parent, child = link.header.frame_id.lstrip("/"), link.child_frame_id.lstrip("/")
+            values = _values(link.transform.translation, link.transform.rotation)
+            time_s = seconds(link.header.stamp)
+            with self._news:
+                if static and child in self._tree.track:
+                    self._tree.track[child] = Track(f"the frame '{child}'", static=True)
+                self._tree.add(parent, child, time_s, values, static=static)
+                _shorten(self._tree.track[child])
+                self._tree.track[child].gap_s = _GAP_S
+                self._news.notify_all()
+            if not static:
+                there = self._publishers.setdefault((parent, child), {})
+                there[publisher] = now
+                if sum(now - at < _SAME_TIME_S for at in there.values()) > 1:
+                    self._health.fault(f"{parent} {child}", f"two programs publish {child} in {parent} on tf; stop one")
+        if self.source == TREE and not static:
+            T = self._in_root(self.latest_s)
+            if T is not None:
+                self._health.hear(TREE, self.latest_s)
+            self.on_pose()
+
+    @property
+    def latest_s(self) -> float:
+        """The stamp of the last pose of the base [s]; -inf before the first."""
+        with self._news:
+            track = self._moving()
+            return max(track.times_s[-20:]) if track is not None and track.times_s else -math.inf
+
+    def wait_newer(self, than_s: float, within_s: float) -> Pose2 | None:
+        """The last pose of the base, once there is one later than a stamp [s]; None if that takes too long [s]."""
+        end = time.monotonic() + within_s
+        with self._news:
+            while self.latest_s <= than_s:
+                left = end - time.monotonic()
+                if left <= 0.0 or not self._news.wait(left):
+                    return None
+        return self.base(self.latest_s)
+
+    def base(self, time_s: float) -> Pose2 | None:
+        """The pose of the base in the frame of the odometry at a time; None where it is not known."""
+        with self._news:
+            if self.source == TREE:
+                T = self._in_root(time_s)
+            else:
+                T = self._odometry.at(time_s)
+                floor = None if T is None else self._link(self.base_frame, self._child, time_s)
+                T = None if T is None or floor is None else T @ floor
+        if T is None:
+            return None
+        return Pose2(float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0]))
+
+    def camera(self, camera_frame: str, time_s: float) -> Float[np.ndarray, "4 4"] | None:
+        """``T_base_camera`` at a time; None where the frames do not say it.
+
+        Raises:
+            RobotError: the frames are no tree.
+        """
+        with self._news:
+            return self._link(camera_frame, self.base_frame, time_s)
+
+    @property
+    def base_frame(self) -> str:
+        """The frame of the base on the floor."""
+        if self._base_frame:
+            return self._base_frame
+        return FOOTPRINT if FOOTPRINT in self._tree.parents or FOOTPRINT in self._all_parents() else self._child
+
+    @property
+    def odometry_frame(self) -> str:
+        """The frame that poses are in: the root of the frames as it was at first, before this program adds one."""
+        with self._news:
+            if not self._root and self.base_frame in self._tree.parents:
+                self._root = self._tree.chain(self.base_frame)[-1]
+            return self._root or ODOM
+
+    def _all_parents(self) -> set[str]:
+        return {parent for parents in self._tree.parents.values() for parent in parents}
+
+    def _moving(self) -> Track | None:
+        if self.source != TREE:
+            return self._odometry
+        links = [link for link in self._tree.links(self.base_frame) if not link.static]
+        return links[-1] if links else None
+
+    def _in_root(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
+        return self._link(self.base_frame, self.odometry_frame, time_s)
+
+    def _link(self, frame: str, ancestor: str, time_s: float) -> Float[np.ndarray, "4 4"] | None:
+        """``T_ancestor_frame``, whichever of the two is above the other."""
+        if frame == ancestor:
+            return np.eye(4)
+        try:
+            T = self._tree.pose(frame, ancestor, time_s)
+            if T is None and ancestor in self._tree.parents:
+                T = self._tree.pose(ancestor, frame, time_s)
+                T = None if T is None else np.linalg.inv(T)
+        except ValueError as err:
+            raise RobotError(
+                f"The frames on tf are no tree: {err}; stop one of the programs that publish them."
+            ) from err
+        return T
+
+
+def _values(position: Any, rotation: Any) -> Float[np.ndarray, "7"]:
+    return np.array([position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w], float)
+
+
+def _add(track: Track, time_s: float, pose: Float[np.ndarray, "7"]) -> None:
+    if track.times_s and time_s < track.times_s[-1]:
+        # The clock was set back: what was known before is of another time.
+        track.times_s.clear()
+        track.poses.clear()
+    track.add(time_s, pose)
+    _shorten(track)
+
+
+def _shorten(track: Track) -> None:
+    if len(track.times_s) > _MOST:
+        del track.times_s[: _MOST // 2], track.poses[: _MOST // 2]

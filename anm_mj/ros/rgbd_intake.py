@@ -1,0 +1,196 @@
+"""Colour and depth of a live robot, paired by their stamps, and what of the depth lies in the robot's way."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from anm_mj.frames import pixel_directions
+from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
+from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
+from anm_mj.io.ros_messages import seconds
+from anm_mj.io.rosbag import calibration
+from anm_mj.ros.health import Health
+from anm_mj.types import Intrinsics
+
+_KEPT = 12
+"""Images of a kind that wait for the other kind."""
+_ALONE = 15
+"""After so many depth images in a row without a colour image, the stamps do not meet."""
+_POINTS = 5000
+"""About so many pixels are looked at for obstacles."""
+_FEWEST = 4
+"""Fewer points are noise rather than an obstacle."""
+
+
+@dataclass(frozen=True)
+class Rgbd:
+    """Colour and depth of one moment."""
+
+    time_s: float
+    """By the stamp of the depth [s]."""
+    rgb: UInt8[np.ndarray, "h w 3"]
+    depth_m: Float32[np.ndarray, "h w"]
+    """Planar depth [m]; +inf where the camera says that it looked beyond its range, NaN where it measured nothing."""
+    frame: str
+    """Of the camera, with the axes of an optical frame."""
+    intrinsics: Intrinsics
+
+
+class RgbdIntake:
+    """Takes images in as they come; callbacks and questions may come from different threads."""
+
+    def __init__(self, health: Health, depth_unit_m: float, match_s: float) -> None:
+        """Know nothing yet; the arguments are those of :class:`~anm_mj.ros.drive_config.RosConfig`."""
+        self._health, self._unit_m, self._match_s = health, depth_unit_m, match_s
+        self.colour = self.depth = self.camera = ""
+        """Names of the topics, for messages."""
+        self._colours: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
+        self._depths: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
+        self._camera: tuple[Intrinsics, LensDistortion | None] | None = None
+        self._shape: tuple[int, ...] | None = None
+        self._alone = 0
+        self._pair: tuple[float, Any, Float32[np.ndarray, "h w"], str] | None = None
+        self._news = threading.Condition()
+        self.on_depth: Callable[[float, Float32[np.ndarray, "h w"], Intrinsics, str], None] = lambda *_: None
+        """Called with each depth image that has its colour: stamp [s], depth [m], camera, frame."""
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether there is a calibration."""
+        return self._camera is not None
+
+    @property
+    def latest_s(self) -> float:
+        """The stamp of the last pair [s]; -inf before the first."""
+        return -math.inf if self._pair is None else self._pair[0]
+
+    def hear_camera(self, message: Any) -> None:
+        """Take in ``sensor_msgs/CameraInfo``."""
+        self._camera = calibration(message, self.camera, rectified="rect" in self.depth.rpartition("/")[2])
+
+    def hear_colour(self, message: Any) -> None:
+        """Take in a colour image."""
+        self._require("colour", message)
+        time_s = seconds(message.header.stamp)
+        self._health.hear(f"the colour on {self.colour}", time_s)
+        self._put(self._colours, time_s, message)
+        self._match()
+
+    def hear_depth(self, message: Any) -> None:
+        """Take in a depth image."""
+        self._require("depth", message)
+        time_s = seconds(message.header.stamp)
+        self._health.hear(f"the depth on {self.depth}", time_s)
+        self._put(self._depths, time_s, message)
+        self._alone += 1
+        self._match()
+        if self._alone >= _ALONE and self._colours:
+            nearest = min((stamp - time_s for stamp, _ in self._colours), key=abs)
+            self._health.fault(
+                self.colour,
+                f"the stamps of {self.colour} and {self.depth} do not meet: the nearest differ by {nearest:+.3f} s, "
+                f"and ros.match_s is {self._match_s:g} s",
+            )
+
+    def wait_newer(self, than_s: float, within_s: float) -> Rgbd | None:
+        """The last pair, once there is one at or after a stamp [s]; None if that takes too long [s]."""
+        end = time.monotonic() + within_s
+        with self._news:
+            while self._pair is None or self._pair[0] < than_s:
+                left = end - time.monotonic()
+                if left <= 0.0 or not self._news.wait(left):
+                    return None
+            (time_s, colour, depth_m, frame), found = self._pair, self._camera
+        assert found is not None  # No pair comes before.
+        camera, bent = found
+        rgb = colour_image(colour)
+        if bent is not None:
+            rgb = undistortion(camera, bent).colour(rgb)
+        return Rgbd(time_s, rgb, depth_m, frame, camera)
+
+    def _require(self, role: str, message: Any) -> None:
+        topic = self.colour if role == "colour" else self.depth
+        found = encoding_of(message)
+        if found != role:
+            raise ValueError(f"its images are {found}, not {role}; name the topic of the {role} by --topic {role}=NAME")
+        if not hasattr(message, "width"):
+            return
+        shape = (message.height, message.width)
+        self._shape = self._shape or shape
+        if shape != self._shape:
+            raise ValueError(
+                f"{topic} gives {message.width} x {message.height} pixels after images of {self._shape[1]} x "
+                f"{self._shape[0]}; colour and depth must keep one size and show the same pixels"
+            )
+
+    def _put(self, there: deque[tuple[float, Any]], time_s: float, message: Any) -> None:
+        if there and time_s < there[-1][0]:
+            # The clock was set back.
+            there.clear()
+            self._pair = None
+        there.append((time_s, message))
+
+    def _match(self) -> None:
+        """Make a pair of the latest images that belong together, unless it is the last one."""
+        if self._camera is None:
+            return
+        for time_s, message in reversed(self._depths):
+            if time_s <= self.latest_s:
+                return
+            near = min(self._colours, key=lambda colour: abs(colour[0] - time_s), default=None)
+            if near is not None and abs(near[0] - time_s) <= self._match_s:
+                self._take(time_s, near[1], message)
+                return
+
+    def _take(self, time_s: float, colour: Any, depth: Any) -> None:
+        assert self._camera is not None
+        camera, bent = self._camera
+        depth_m = depth_image(depth, self._unit_m, far=True)
+        if depth_m.shape != (camera.height, camera.width):
+            raise ValueError(
+                f"{self.depth} has {depth_m.shape[1]} x {depth_m.shape[0]} pixels, and {self.camera} is of "
+                f"{camera.width} x {camera.height}; name the one that belongs to it by --topic camera=NAME"
+            )
+        if bent is not None:
+            depth_m = undistortion(camera, bent).depth(depth_m)
+        frame = depth.header.frame_id.lstrip("/")
+        with self._news:
+            self._pair = time_s, colour, depth_m, frame
+            self._alone = 0
+            self._news.notify_all()
+        self.on_depth(time_s, depth_m, camera, frame)
+
+
+def free_way_m(
+    depth_m: Float32[np.ndarray, "h w"],
+    camera: Intrinsics,
+    T_base_camera: Float[np.ndarray, "4 4"],
+    half_width_m: float,
+    heights_m: tuple[float, float],
+) -> float:
+    """How far ahead of its axis a robot's way is free, by raw depth [m]; +inf where nothing is seen in it.
+
+    Args:
+        depth_m: planar depth [m].
+        camera: its camera.
+        T_base_camera: camera to base.
+        half_width_m: of the way [m].
+        heights_m: lower and upper end of what meets the robot [m].
+    """
+    every = max(1, round(math.sqrt(depth_m.size / _POINTS)))
+    depth = depth_m[::every, ::every].astype(float)
+    there = np.isfinite(depth)
+    points = pixel_directions(camera)[::every, ::every][there] * depth[there][:, None]
+    x, y, z = T_base_camera[:3, :3] @ points.T + T_base_camera[:3, 3:]
+    low, high = heights_m
+    ahead = np.sort(x[(np.abs(y) < half_width_m) & (z > low) & (z < high) & (x > 0.0)])
+    return float(ahead[_FEWEST - 1]) if len(ahead) >= _FEWEST else math.inf

@@ -1,0 +1,189 @@
+"""A simulated robot as a ROS 2 robot, in real time or faster: it publishes what it senses and follows ``cmd_vel``."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from anm_mj.control.action_motion import MotionLimits
+from anm_mj.errors import ConfigError
+from anm_mj.frames import pose_matrix
+from anm_mj.ros.names import (
+    BASE,
+    CAMERA,
+    CAMERA_INFO,
+    CLOCK,
+    CLOCK_TYPE,
+    COLOUR,
+    COLOUR_INFO,
+    COMMAND,
+    DEPTH,
+    DEPTH_INFO,
+    IMAGE,
+    JOINT_STATE,
+    JOINTS,
+    ODOM,
+    ODOMETRY,
+    ODOMETRY_TYPE,
+    TF,
+    TF_STATIC,
+    TF_TYPE,
+    TRUTH,
+    TWIST,
+    TWIST_STAMPED,
+    WORLD,
+)
+from anm_mj.ros.node import LATCHED, STATE, Delivery, Node
+from anm_mj.sim.sim_robot import SimRobot
+from anm_mj.types import Observation, Twist
+
+PERIOD_S = 0.02
+"""Of the motion, the odometry and the clock [simulated s]."""
+COMMAND_TIMEOUT_S = 0.5
+"""Without a command for so long the robot brakes [simulated s]."""
+_HZ, _RATE = (0.1, 50.0), (0.01, 100.0)
+_STILL = Twist(0.0, 0.0)
+_IMAGES = Delivery(reliable=True, depth=5)
+"""Subscribers of both kinds match."""
+
+
+@dataclass(frozen=True)
+class Served:
+    """How it went."""
+
+    simulated_s: float
+    wall_s: float
+    contacts: int
+    """Periods in which an obstacle stopped or prevented the motion, each series of them counted once."""
+    images: int
+    """Pairs of colour and depth."""
+    skipped: int
+    """Pairs that were left out so that the clock keeps its rate."""
+
+    @property
+    def rate(self) -> float:
+        """Simulated seconds per second."""
+        return self.simulated_s / max(self.wall_s, 1e-9)
+
+
+class SimulatedRosRobot:
+    """Publishes colour, depth, calibration, odometry, frames, joints, the clock, and the truth on a topic of its own.
+
+    The robot follows ``geometry_msgs/Twist`` and ``TwistStamped`` within its limits of speed and acceleration. Odometry
+    begins at zero where the robot stands, as on most robots. Frames: ``odom``, ``base_link``, ``camera_optical_frame``.
+    """
+
+    def __init__(self, robot: SimRobot, node: Node, *, image_hz: float = 10.0, rate: float = 1.0) -> None:
+        """Announce all topics.
+
+        Args:
+            robot: knows its pose by odometry alone, from zero on.
+            node: speaks for it.
+            image_hz: pairs of colour and depth per simulated second.
+            rate: simulated seconds per second.
+
+        Raises:
+            ConfigError: a rate is out of range.
+        """
+        for name, value, (low, high) in (("--image-hz", image_hz, _HZ), ("--rate", rate, _RATE)):
+            if not low <= value <= high:
+                raise ConfigError(f"{name} is {value:g}; give a number from {low:g} to {high:g}.")
+        self._robot, self._node, self._rate = robot, node, rate
+        self._limits, self._image_period_s = MotionLimits(), 1.0 / image_hz
+        self._wanted, self._wanted_s, self._now = _STILL, -math.inf, _STILL
+        kinds = {
+            COLOUR: (IMAGE, _IMAGES),
+            DEPTH: (IMAGE, _IMAGES),
+            COLOUR_INFO: (CAMERA_INFO, STATE),
+            DEPTH_INFO: (CAMERA_INFO, STATE),
+            ODOMETRY: (ODOMETRY_TYPE, STATE),
+            TRUTH: (ODOMETRY_TYPE, STATE),
+            JOINTS: (JOINT_STATE, STATE),
+            TF: (TF_TYPE, STATE),
+            TF_STATIC: (TF_TYPE, LATCHED),
+            CLOCK: (CLOCK_TYPE, STATE),
+        }
+        self._to = {topic: node.publisher(topic, kind, delivery) for topic, (kind, delivery) in kinds.items()}
+        node.subscribe(COMMAND, TWIST, lambda message, _: self._command(message))
+        node.subscribe(COMMAND, TWIST_STAMPED, lambda message, _: self._command(message.twist))
+
+    def _command(self, twist: Any) -> None:
+        wanted = Twist(float(twist.linear.x), float(twist.angular.z))
+        if not (math.isfinite(wanted.forward_mps) and math.isfinite(wanted.turn_radps)):
+            raise ValueError(f"a velocity of {wanted.forward_mps} m/s and {wanted.turn_radps} rad/s is left out")
+        self._wanted, self._wanted_s = wanted, time.monotonic()
+
+    def serve(self, until: Callable[[], bool], duration_s: float = math.inf) -> Served:
+        """Run until a function says so, or for a time [simulated s]."""
+        robot, begin = self._robot, time.monotonic()
+        first = robot.observe()
+        T_base_camera = np.linalg.inv(pose_matrix(first.pose)) @ first.T_world_camera
+        self._to[TF_STATIC].publish(self._node.messages.transforms(0.0, [(BASE, CAMERA, T_base_camera)]))
+        contacts = images = skipped = 0
+        touched, next_image_s, start_s = False, 0.0, robot.data.time
+        while robot.data.time - start_s < duration_s and not until():
+            self._now = self._limited()
+            motion = robot.drive(self._now, PERIOD_S)
+            contacts += motion.collided and not touched
+            touched = motion.collided
+            self._publish_state(motion.collided)
+            now_s = robot.data.time - start_s
+            ahead_s = begin + now_s / self._rate - time.monotonic()
+            if now_s >= next_image_s:
+                next_image_s += self._image_period_s
+                # Late by more than a picture: the clock counts more than the picture.
+                if ahead_s * self._rate > -max(self._image_period_s, 2 * PERIOD_S):
+                    self._publish_images(robot.observe())
+                    images += 1
+                else:
+                    skipped += 1
+                ahead_s = begin + now_s / self._rate - time.monotonic()
+            if ahead_s > 0.0:
+                time.sleep(ahead_s)
+        return Served(robot.data.time - start_s, time.monotonic() - begin, contacts, images, skipped)
+
+    def _limited(self) -> Twist:
+        """The velocity of the next period: towards the command as fast as the limits allow."""
+        limits, now, wanted = self._limits, self._now, self._wanted
+        if (time.monotonic() - self._wanted_s) * self._rate > COMMAND_TIMEOUT_S:
+            wanted = _STILL
+        top, bend = limits.forward_mps, limits.turn_radps
+        forward = float(np.clip(wanted.forward_mps, -top, top)) - now.forward_mps
+        turn = float(np.clip(wanted.turn_radps, -bend, bend)) - now.turn_radps
+        most, most_turn = limits.forward_mps2 * PERIOD_S, limits.turn_radps2 * PERIOD_S
+        return Twist(
+            now.forward_mps + float(np.clip(forward, -most, most)),
+            now.turn_radps + float(np.clip(turn, -most_turn, most_turn)),
+        )
+
+    def _publish_state(self, stands: bool) -> None:
+        robot, make, now_s = self._robot, self._node.messages, self._robot.data.time
+        twist = make.twist(*((0.0, 0.0) if stands else (self._now.forward_mps, self._now.turn_radps)))
+        odometry = robot.odometry
+        self._to[CLOCK].publish(make.make(CLOCK_TYPE, clock=make.stamp(now_s)))
+        self._to[ODOMETRY].publish(make.odometry(now_s, ODOM, BASE, odometry, twist))
+        self._to[TF].publish(make.transforms(now_s, [make.base_link(ODOM, BASE, odometry)]))
+        self._to[TRUTH].publish(make.odometry(now_s, WORLD, BASE, robot.pose, twist))
+        names, positions, velocities = robot.joints()
+        joints = make.make(
+            JOINT_STATE,
+            header=make.header(now_s, ""),
+            name=names,
+            position=positions,
+            velocity=velocities,
+            effort=np.zeros(0),
+        )
+        self._to[JOINTS].publish(joints)
+
+    def _publish_images(self, seen: Observation) -> None:
+        make, now_s = self._node.messages, seen.time_s
+        info = make.camera_info(now_s, CAMERA, seen.intrinsics)
+        self._to[COLOUR_INFO].publish(info)
+        self._to[DEPTH_INFO].publish(info)
+        self._to[COLOUR].publish(make.image(now_s, CAMERA, seen.rgb))
+        self._to[DEPTH].publish(make.image(now_s, CAMERA, seen.depth_m))

@@ -1,0 +1,3 @@
+from typing import Any
+
+def make_idl_struct(class_name: str, typename: str, fields: dict[str, Any]) -> type: ...
