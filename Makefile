@@ -9,7 +9,7 @@ STEPS ?= 500
 SEED ?= 0
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-all test-pythons test-bench test-browser check lint format types lock setup clean
+.PHONY: help demo docs test test-all test-pythons test-bench test-ros test-browser check lint format types lock setup clean
 
 help: ## List the targets.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,6 +31,9 @@ test-pythons: ## Test with every Python that is supported, each in a clone of it
 
 test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
 	@$(python) -m pytest -m slow -k real_runs_resume tests/bench
+
+test-ros: setup ## Test the robot over ROS 2, in real time; a minute.
+	@$(python) -m pytest tests/ros
 
 test-browser: setup ## Test the pages in Chromium; screenshots in build/screenshots.
 	@command -v chromium > /dev/null || { echo "There is no chromium here: apt install chromium"; exit 1; }

@@ -305,18 +305,12 @@ def _shadow_policy(config: RunConfig, footprint: Footprint) -> Policy:
 
 
 def _facts(config: RunConfig, neural_map: NeuralMap, policy: str) -> RunFacts:
-    return RunFacts(
+    return RunFacts.unsimulated(
+        RECORDED,
         scene=config.scene,
-        scene_hash="",
-        robot=RECORDED,
-        robot_hash="",
         policy=policy,
+        goal=config.goal,
         seed=config.seed,
         device=neural_map.backend.device,
         engine=neural_map.backend.name,
-        gl_backend=RECORDED,
-        gl_renderer=RECORDED,
-        camera=RECORDED,
-        sensor=RECORDED,
-        goal=config.goal,
     )

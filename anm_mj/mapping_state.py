@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.checkpoint_file import StoredState
-from anm_mj.checkpoint.going_on import first_difference
+from anm_mj.checkpoint.going_on import LoggedFacts, first_difference, logged_facts
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves
 from anm_mj.errors import CheckpointError
@@ -47,13 +46,9 @@ class MappingState:
         return 0 if self.last is None else self.last.step + 1
 
 
-class _Facts(Struct):
+class _Facts(LoggedFacts):
     """What a mapping says of itself in a checkpoint."""
 
-    files: dict[str, Annotated[int, Meta(ge=0, le=1 << 50)]]
-    """Lengths of its logs by name [bytes]."""
-    engine: str
-    wall_s: Annotated[float, Meta(ge=0.0, le=1e12)]
     config: dict[str, Any]
     sequence: str
     """Hash of the frames."""
@@ -90,7 +85,7 @@ def stored_mapping(path: Path, sequence: Sequence, config: RunConfig) -> tuple[R
     """
     folder = RunFolder.open(path)
     refuse_links(folder.path.resolve())
-    stored = CheckpointStore(folder.checkpoints).newest(lambda state: _require_logs(folder, state))
+    stored = CheckpointStore(folder.checkpoints).newest(lambda state: logged_facts(state, _Facts, folder.path, "frame"))
     facts = convert(stored.facts, _Facts)
     if facts.sequence != _digest(sequence):
         raise CheckpointError(
@@ -115,18 +110,6 @@ def open_logs(
     name = folder.camera_trajectory
     cameras = [LineWriter(name, before and before[0].get(name.name))] if tracks else []
     return RunLog(folder, config.record, before), cameras
-
-
-def _require_logs(folder: RunFolder, state: StoredState) -> None:
-    """Raises CheckpointError unless the logs reach as far as the checkpoint."""
-    try:
-        facts = convert(state.facts, _Facts)
-    except ValueError as err:
-        raise CheckpointError(f"It does not say what it was made of ({err}).") from err
-    for name, size in facts.files.items():
-        path = folder.path / Path(name).name
-        if not path.is_file() or path.stat().st_size < size:
-            raise CheckpointError(f"{path.name} is shorter than it was at frame {state.step}.")
 
 
 def _digest(sequence: Sequence) -> str:

@@ -13,12 +13,19 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from msgspec import Meta, Struct
+from msgspec import field
 
 from anm_mj.checkpoint.checkpoint_file import StoredState
-from anm_mj.checkpoint.going_on import first_difference, lay_over, of_stored_state, say_other_engine
+from anm_mj.checkpoint.going_on import (
+    LoggedFacts,
+    first_difference,
+    lay_over,
+    logged_facts,
+    of_stored_state,
+    say_other_engine,
+)
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves, read_config
 from anm_mj.errors import CheckpointError
@@ -42,14 +49,10 @@ _FREE = ("scene", "robot", "device", "steps", "checkpoint", "continue_from")
 """What may differ from the run so far: paths of what is compared by its content, and what does not change a step."""
 
 
-class _Facts(Struct):
+class _Facts(LoggedFacts):
     """What a run says of itself in a checkpoint."""
 
-    files: dict[str, Annotated[int, Meta(ge=0, le=1 << 50)]]
-    """Lengths of its logs by name [bytes]."""
-    engine: str
-    wall_s: Annotated[float, Meta(ge=0.0, le=1e12)]
-    config: dict[str, Any] = {}
+    config: dict[str, Any] = field(default_factory=dict)
     """The configuration that it was made with; older checkpoints do not say."""
 
 
@@ -135,15 +138,8 @@ def _require_unfinished(folder: RunFolder) -> None:
 
 
 def _require_logs(folder: RunFolder, state: StoredState) -> None:
-    """Raises CheckpointError unless the logs reach as far as the checkpoint."""
-    try:
-        facts = convert(state.facts, _Facts)
-    except ValueError as err:
-        raise CheckpointError(f"It does not say what it was made of ({err}).") from err
-    for name, size in facts.files.items():
-        path = folder.path / Path(name).name
-        if not path.is_file() or path.stat().st_size < size:
-            raise CheckpointError(f"{path.name} is shorter than it was at step {state.step}.")
+    """Raises CheckpointError unless logs and images reach as far as the checkpoint."""
+    logged_facts(state, _Facts, folder.path, "step")
     missing = next((step for step in range(state.step + 1) if not folder.depth(step).is_file()), None)
     if missing is not None:
         raise CheckpointError(f"{folder.depth(missing).name} is missing.")

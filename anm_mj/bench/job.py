@@ -110,9 +110,10 @@ class Job:
         Raises:
             ConfigError: The preset or a setting is not one there is.
         """
-        options = {key: getattr(self, key) for key in ("scene", "policy", "steps", "seed")}
+        own = {key: getattr(self, key) for key in ("scene", "policy", "steps", "seed")}
+        options: dict[str, Any] = {**own, **self.conditions}
         settings = [*(() if self.trains else UNTRAINED), *self.settings]
-        return make_config(settings=settings, start=self.start_pose, **options, **self.conditions)
+        return make_config(settings=settings, start=self.start_pose, **options)
 
 
 def variant(row: Mapping[str, Any]) -> str:

@@ -5,15 +5,48 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.checkpoint_file import StoredState
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.errors import AnmError, CheckpointError
 from anm_mj.planning.policies.guarded_policy import describe_error
+from anm_mj.utils.read_file import convert
 
 _logger = logging.getLogger(__name__)
+
+
+class LoggedFacts(Struct):
+    """What a run says of itself in a checkpoint."""
+
+    files: dict[str, Annotated[int, Meta(ge=0, le=1 << 50)]]
+    """Lengths of its logs by name [bytes]."""
+    engine: str
+    wall_s: Annotated[float, Meta(ge=0.0, le=1e12)]
+
+
+Kind = TypeVar("Kind", bound=LoggedFacts)
+
+
+def logged_facts(stored: StoredState, kind: type[Kind], folder: Path, unit: str) -> Kind:
+    """The facts of a checkpoint whose logs reach as far as it does; ``unit`` is what its number counts.
+
+    Raises:
+        CheckpointError: They are others, or a log is shorter.
+    """
+    try:
+        facts = convert(stored.facts, kind)
+    except ValueError as err:
+        raise CheckpointError(f"It does not say what it was made of ({err}).") from err
+    for name, size in facts.files.items():
+        path = folder / Path(name).name
+        if not path.is_file() or path.stat().st_size < size:
+            raise CheckpointError(f"{path.name} is shorter than it was at {unit} {stored.step}.")
+    return facts
 
 
 @contextmanager

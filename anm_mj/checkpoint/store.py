@@ -68,7 +68,7 @@ class CheckpointStore:
         """Whether no checkpoint was written yet."""
         return not self._newest_first()
 
-    def newest(self, accept: Callable[[StoredState], None] = lambda state: None) -> StoredState:
+    def newest(self, accept: Callable[[StoredState], object] = lambda state: None) -> StoredState:
         """The newest checkpoint that is whole; it is logged where that is not the last one written.
 
         Args:

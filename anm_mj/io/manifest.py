@@ -54,6 +54,13 @@ class RunFacts:
     corrections: tuple[str, ...] = ()
     """Options that a check of the recorded sequence found, and ``--fix`` applied."""
 
+    @classmethod
+    def unsimulated(
+        cls, kind: str, *, scene: str, policy: str, goal: str, seed: int, device: str, engine: str
+    ) -> RunFacts:
+        """Of a run of ``kind``, live or recorded, in which neither robot nor camera is simulated."""
+        return cls(scene, "", kind, "", policy, goal, seed, device, engine, kind, kind, kind, kind)
+
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
     """The manifest of a run on this machine.

@@ -19,9 +19,18 @@ from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
-from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
+from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
+from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
+from anm_mj.localisation.registration import (
+    FREE,
+    PLANAR,
+    Extra,
+    Prior,
+    Registration,
+    Sums,
+    register,
+    register_from_several,
+)
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
@@ -34,6 +43,8 @@ _logger = logging.getLogger(__name__)
 
 _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
+_USUAL_FRAMES = 20
+"""So many frames say what a registration usually costs."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
 
@@ -92,6 +103,10 @@ class FieldLocaliser:
         self._since_keyframe = 0
         self._misfits = 0
         """Frames in a row that did not fit."""
+        self._costs: list[float] = []
+        """A point's, of the registrations of the last frames that fitted."""
+        self._motion_noise = MotionNoise(config.motion)
+        self._scale = self._motion_noise.scale
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
@@ -129,7 +144,10 @@ class FieldLocaliser:
         if lost:
             return self._look_for(observation, prior, points)
         extra = self._extra(points, prior, noise)
-        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
+        align, known = self._map.backend.align, self._known
+        found = register(points, prior, align, known, settings, extra)
+        if self._may_be_wrong(prior, found):
+            found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -138,6 +156,8 @@ class FieldLocaliser:
         if found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=False)
         self._misfits = 0
+        self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
+        self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 
@@ -251,6 +271,7 @@ class FieldLocaliser:
     def _prior(self, observation: Observation) -> Prior:
         if self._T_world_camera is None:
             return Prior(observation.T_world_camera, self._covariance, self._basis)
+        self._scale = self._motion_noise.scale
         if self._odometry and self._T_odometry is not None:
             return moved_by_odometry(
                 self._T_world_camera,
@@ -259,17 +280,29 @@ class FieldLocaliser:
                 self._T_odometry,
                 observation.T_world_camera,
                 self.config.motion,
+                self._scale,
             )
         return moved_at_constant_velocity(
-            self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion
+            self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion, self._scale
         )
 
     def _without_moved(self, observation: Observation, prior: Prior) -> Observation:
         """The frame without the pixels that moved, as far as the map can tell from where the camera may be."""
         covariance = self._basis @ prior.covariance @ self._basis.T
-        position_m, rotation_rad = _deviations(covariance)
+        position_m, rotation_rad = largest_deviations(covariance)
         believed = replace(observation, T_world_camera=prior.T_world_camera, position_deviation_m=position_m)
         return self._map.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
+
+    def _may_be_wrong(self, prior: Prior, found: Registration) -> bool:
+        """Whether a registration may have ended in a false minimum: it costs more than usual."""
+        settings = self.config.registration
+        position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
+        vague = position > settings.retry_least_m or rotation > settings.retry_least_rad
+        usual = float(np.median(self._costs)) if self._costs else 0.0
+        return found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
+
+    def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
+        return float(np.mean(agreement(points, T_world_camera, self._map.occupancy.by_depth).contradicted))
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
@@ -289,9 +322,9 @@ class FieldLocaliser:
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
 
     def _is_sure(self) -> bool:
-        position_m, rotation_rad = _deviations(self._basis @ self._covariance @ self._basis.T)
+        position, rotation = largest_deviations(self._basis @ self._covariance @ self._basis.T)
         tracking = self.config.tracking
-        return position_m <= tracking.most_deviation_m and rotation_rad <= tracking.most_deviation_rad
+        return position <= tracking.most_deviation_m and rotation <= tracking.most_deviation_rad
 
     def _estimate(
         self,
@@ -323,9 +356,3 @@ class FieldLocaliser:
         assert self._T_camera_base is not None
         base = T_world_camera @ self._T_camera_base
         return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))
-
-
-def _deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
-    """Largest standard deviations of position [m] and rotation [rad]."""
-    position, rotation = (float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(3), slice(3, 6)))
-    return math.sqrt(position), math.sqrt(rotation)

@@ -38,10 +38,23 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Width of the kernel on colours, in standard deviations."""
     information: float = 0.1
     """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
-    retry_inliers: float = setting(0.75, at_least=0.0, at_most=1.0)
-    """A frame of whose known points a smaller share fits is registered from other headings too."""
-    retry_deviations: float = 1.5
-    """Which are so many standard deviations of the prior away."""
+    retry_cost: float = setting(2.0, at_least=1.0)
+    """A frame that costs more than this many times what frames cost of late may be in a wrong place: it is registered
+    from several starts."""
+    retry_vague_cost: float = setting(1.25, at_least=1.0)
+    """As is one that costs more than this many times, from a prior with a larger standard deviation than"""
+    retry_least_m: float = 0.025
+    """this in position [m],"""
+    retry_least_rad: float = 0.025
+    """or this in rotation [rad]: a nearer start finds the surface."""
+    retry_starts: int = setting(12, at_least=0, at_most=1000)
+    """So many starts beside the prior's,"""
+    retry_deviations: float = setting(1.5, at_least=0.0)
+    """drawn with so many standard deviations of the prior, or with the two above, if they are larger,"""
+    retry_points: int = setting(300, at_least=50)
+    """and tried with so many pixels."""
+    retry_gain: float = setting(0.9, at_least=0.0, at_most=1.0)
+    """One that costs less than this share is taken."""
     still_m: float = 2e-4
     """The search ends with a step that moves the camera by less [m]."""
     still_rad: float = 2e-4
@@ -93,6 +106,8 @@ class MotionConfig(Settings, group="localisation.motion", error=MapError):
     2005, table 5.6."""
     odometry_floor: tuple[float, float] = (0.002, 0.002)
     """Odometry: standard deviations of any motion, at least: of its translation [m], of its rotation [rad]."""
+    learn_frames: int = setting(30, at_least=1, at_most=10_000)
+    """Frames over which is learnt, from what registration corrects, how much noisier motions are than expected."""
     free_share: float = 0.5
     """Constant velocity: standard deviation of a frame's motion as a share of the motion before it."""
     free_translation_m: float = 0.01

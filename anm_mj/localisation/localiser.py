@@ -37,6 +37,12 @@ class RegistrationQuality:
     """Degrees of freedom: 3 for a base on the floor, 6 for a free camera."""
 
 
+def largest_deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
+    """Largest standard deviations along any direction of a displacement [m] and about any axis of a rotation [rad]."""
+    position, rotation = (np.linalg.eigvalsh(covariance[part, part])[-1] for part in (slice(3), slice(3, 6)))
+    return float(np.sqrt(position)), float(np.sqrt(rotation))
+
+
 @dataclass(frozen=True)
 class PoseEstimate:
     """What localisation says of one frame."""
@@ -55,12 +61,12 @@ class PoseEstimate:
     @property
     def position_deviation_m(self) -> float:
         """Largest standard deviation of the position along any direction [m]."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
+        return largest_deviations(self.covariance)[0]
 
     @property
     def rotation_deviation_rad(self) -> float:
         """Largest standard deviation of the rotation about any axis [rad]."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1]))
+        return largest_deviations(self.covariance)[1]
 
 
 @runtime_checkable

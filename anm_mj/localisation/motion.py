@@ -9,7 +9,10 @@ from jaxtyping import Float, Float64
 
 from anm_mj.localisation.localisation_config import MotionConfig
 from anm_mj.localisation.registration import Prior
-from anm_mj.localisation.se3 import rotation_vector, skew
+from anm_mj.localisation.se3 import camera_motion, rotation_vector, skew
+
+_MEDIAN_SQUARE = 0.79
+"""Median of the mean square of three numbers from the normal distribution."""
 
 
 def moved_by_odometry(
@@ -19,6 +22,7 @@ def moved_by_odometry(
     T_odometry_before: Float[np.ndarray, "4 4"],
     T_odometry_now: Float[np.ndarray, "4 4"],
     config: MotionConfig,
+    scale: float = 1.0,
 ) -> Prior:
     """The prior by a motion that odometry measured.
 
@@ -29,6 +33,7 @@ def moved_by_odometry(
         T_odometry_before: The camera's pose at the last frame as odometry has it, in a frame of its own.
         T_odometry_now: Likewise now.
         config: How far odometry is believed.
+        scale: Of the standard deviation of its motions.
     """
     T = T_world_camera @ np.linalg.inv(T_odometry_before) @ T_odometry_now
     motion = T_world_camera[:3, :3].T @ (T[:3, 3] - T_world_camera[:3, 3])
@@ -39,7 +44,7 @@ def moved_by_odometry(
     floor_m, floor_rad = config.odometry_floor
     translation = a3 * distance**2 + a4 * angle**2 + floor_m**2
     rotation = a1 * angle**2 + a2 * distance**2 + floor_rad**2
-    return Prior(T, _carried(covariance, basis, T_world_camera, T, translation, rotation), basis)
+    return Prior(T, _carried(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation), basis)
 
 
 def moved_at_constant_velocity(
@@ -48,6 +53,7 @@ def moved_at_constant_velocity(
     basis: Float64[np.ndarray, "6 k"],
     T_last_now: Float[np.ndarray, "4 4"],
     config: MotionConfig,
+    scale: float = 1.0,
 ) -> Prior:
     """The prior by the motion before the last frame, going on.
 
@@ -57,13 +63,38 @@ def moved_at_constant_velocity(
         basis: As of :class:`~.registration.Prior`.
         T_last_now: The motion from the frame before the last one to that, in the camera's axes.
         config: How far the motion is believed to go on.
+        scale: Of the standard deviation of motions.
     """
     T = T_world_camera @ T_last_now
     distance = float(np.linalg.norm(T_last_now[:3, 3]))
     angle = float(np.linalg.norm(rotation_vector(T_last_now[:3, :3])))
     translation = config.free_translation_m**2 + (config.free_share * distance) ** 2
     rotation = config.free_rotation_rad**2 + (config.free_share * angle) ** 2
-    return Prior(T, _carried(covariance, basis, T_world_camera, T, translation, rotation), basis)
+    return Prior(T, _carried(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation), basis)
+
+
+class MotionNoise:
+    """How much larger the errors of motions are than expected, by what registration corrects."""
+
+    def __init__(self, config: MotionConfig) -> None:
+        self._config = config
+        self._squares: list[float] = []
+        """Squared corrections of the last frames, in the variances expected."""
+
+    @property
+    def scale(self) -> float:
+        """Factor of the standard deviation; at least 1."""
+        if not self._squares:
+            return 1.0
+        share = len(self._squares) / self._config.learn_frames
+        learnt = math.sqrt(float(np.median(self._squares)) / _MEDIAN_SQUARE)
+        return max(1.0, share * learnt + 1.0 - share)
+
+    def add(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"], scale: float) -> None:
+        """Take in what a frame's pose says of its prior, which was made with a scale."""
+        offset = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
+        square = scale**2 * float(offset @ np.linalg.solve(prior.covariance, offset)) / len(offset)
+        self._squares = [*self._squares, square][-self._config.learn_frames :]
 
 
 def _carried(

@@ -33,8 +33,19 @@ class Sums(NamedTuple):
     """Points that took part; the others cost as much as the worst of outliers."""
 
 
+class Fit(NamedTuple):
+    """What the points that took part say of a pose."""
+
+    mean_cost: float
+    """In squared standard deviations."""
+    share: float
+    """Of these points among all."""
+
+
 Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], Sums]
 """Further sums over a frame's points at a pose, with a width of the kernel in standard deviations."""
+Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
+"""Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
@@ -74,6 +85,15 @@ class Registration:
     iterations: int
     cost: float
     """Minus twice the logarithm of the likelihood, up to a constant of the frame."""
+    fits: tuple[Fit, ...]
+    """Of the field, and of what is added to it."""
+    prior_cost: float
+    """Squared deviation from the prior, in squared standard deviations."""
+
+    @property
+    def mean_cost(self) -> float:
+        """Of a point that took part, in squared standard deviations."""
+        return sum(each.mean_cost for each in self.fits) / len(self.fits)
 
 
 def register(
@@ -102,24 +122,26 @@ def register(
     trusted = points
     hessian = np.zeros_like(information)
 
-    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, float]:
+    def fit(cost: float, num_points: float) -> Fit:
+        return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, len(points)))
+
+    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
         settings = config.settings(share)
         found = align(trusted, T, settings)
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
-        worst = settings.kernel**2
-        cost = found.facts[0, 0] + (len(points) - found.facts[0, 2]) * worst
+        fits = [fit(found.facts[0, 0], found.facts[0, 2])]
         if extra is not None:
             more = extra(points, T, settings.kernel)
             full, slope = full + more.hessian, slope + more.gradient
-            cost += more.cost + (len(points) - more.num_points) * worst
-        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
+            fits.append(fit(more.cost, more.num_points))
+        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
 
     iteration = 0
     while True:
         if iteration in (0, config.recheck_after):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
-        equations, hessian, gradient, cost = sums(T, share)
+        equations, hessian, gradient, fits = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
         if iteration >= config.iterations:
             break
@@ -134,6 +156,8 @@ def register(
     cut = 2.0 * config.field_deviation_m
     close = distance[np.abs(distance) < 3 * cut]
     rmse = float(np.sqrt(np.mean(close**2))) if len(close) else float("nan")
+    prior_cost = float(offset @ information @ offset)
+    worst = config.settings(share).kernel ** 2
     root = np.linalg.cholesky(prior.covariance)
     gain = np.linalg.eigvalsh(root.T @ hessian @ root)
     return Registration(
@@ -145,7 +169,12 @@ def register(
         rmse,
         int(np.count_nonzero(gain > 1.0)),
         iteration,
-        config.information * cost + float(offset @ information @ offset),
+        config.information
+        * len(points)
+        * sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
+        + prior_cost,
+        tuple(fits),
+        prior_cost,
     )
 
 
@@ -154,21 +183,50 @@ def register_from_several(
     prior: Prior,
     align: Aligner,
     known: Known,
+    contradicted: Contradicted,
     config: RegistrationConfig,
-    extra: Extra | None = None,
+    extra: Extra | None,
+    rng: np.random.Generator,
+    first: Registration,
 ) -> Registration:
-    """As :func:`register`, and where the frame does not fit then, from other headings on either side; the best fit."""
-    best = register(points, prior, align, known, config, extra)
-    if best.inliers >= config.retry_inliers:
-        return best
-    for axis in np.flatnonzero(prior.basis[3:].any(axis=0)).tolist():
-        deviation = config.retry_deviations * float(np.sqrt(prior.covariance[axis, axis]))
-        for side in (-deviation, deviation):
-            start = moved_camera(prior.T_world_camera, prior.basis[:, axis] * side)
-            other = register(points, prior, align, known, config, extra, start)
-            if other.cost < best.cost:
-                best = other
-    return best
+    """The likeliest of a registration and of those from starts that are drawn about the prior.
+
+    A wrong pose may fit nearly as many points as the right one. Costs of poses that bring different points to known
+    surface compare as follows: a point that the map contradicts costs as much as the worst of outliers, one in unknown
+    space as much as the first pose's points on average.
+
+    Args:
+        points: Pixels of the frame.
+        prior: What is known of its pose.
+        align: The field.
+        known: Which places of the field can be trusted.
+        contradicted: Which share of points at a pose is at odds with the map.
+        config: Settings.
+        extra: Adds to the normal equations.
+        rng: Draws the starts.
+        first: From the prior.
+    """
+    few = points.every(max(1, len(points) // config.retry_points))
+
+    def cost(found: Registration) -> float:
+        at_odds = (contradicted(few, found.T_world_camera), 0.0)
+        total = 0.0
+        for now, usual, wrong in zip(found.fits, first.fits, at_odds, strict=False):
+            taken = min(now.share, 1.0 - wrong)
+            total += taken * now.mean_cost + wrong * config.kernel**2 + (1.0 - taken - wrong) * usual.mean_cost
+        return config.information * len(points) * total + found.prior_cost
+
+    best, lowest = first, config.retry_gain * cost(first)
+    least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
+    deviations = np.maximum(least, config.retry_deviations * np.sqrt(np.diag(prior.covariance)))
+    for _ in range(config.retry_starts):
+        offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
+        start = moved_camera(prior.T_world_camera, offset)
+        found = register(few, prior, align, known, config, extra, start)
+        value = cost(found)
+        if value < lowest:
+            best, lowest = found, value
+    return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
 
 
 def _world(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:

@@ -31,6 +31,10 @@ class FramePoints:
     def __len__(self) -> int:
         return len(self.trust)
 
+    def every(self, step: int) -> FramePoints:
+        """Each ``step``-th of them."""
+        return FramePoints(*(np.ascontiguousarray(part[::step]) for part in vars(self).values()))
+
 
 class AlignSettings(NamedTuple):
     """How residuals are weighted."""

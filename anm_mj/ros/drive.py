@@ -114,18 +114,12 @@ def _parts(
 
 
 def _facts(config: DriveConfig, mapper: Any) -> RunFacts:
-    return RunFacts(
+    return RunFacts.unsimulated(
+        LIVE,
         scene=config.scene,
-        scene_hash="",
-        robot=LIVE,
-        robot_hash="",
         policy=config.policy,
         goal=config.goal,
         seed=config.seed,
         device=mapper.backend.device,
         engine=mapper.backend.name,
-        gl_backend=LIVE,
-        gl_renderer=LIVE,
-        camera=LIVE,
-        sensor=LIVE,
     )

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from anm_mj.config import make_config
 from anm_mj.io.read_run import read_run
 from anm_mj.ros import names
@@ -10,6 +12,9 @@ from anm_mj.ros.drive import drive, go_on
 from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.ros.node import LATCHED, STATE, Node
 from tests.ros.fake_ros_robot import FakeRosRobot
+
+pytestmark = pytest.mark.slow
+"""They run in real time, which a machine that is busy with other tests does not give them."""
 
 QUICK = [
     "mapping.schedule.first_iterations=5",

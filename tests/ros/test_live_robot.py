@@ -18,6 +18,9 @@ from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2
 from tests.ros.conftest import wait_until
 from tests.ros.fake_ros_robot import T_BASE_CAMERA, FakeRosRobot
 
+pytestmark = pytest.mark.slow
+"""They run in real time, which a machine that is busy with other tests does not give them."""
+
 BUSY_S = 1.2
 """From a fault to a velocity of zero on a busy machine, whose threads wait for one another [s]."""
 

@@ -15,6 +15,9 @@ from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Pose2
 from tests.ros.conftest import wait_until
 
+pytestmark = pytest.mark.slow
+"""They run in real time, which a machine that is busy with other tests does not give them."""
+
 RATE = 4.0
 START = Pose2(2.525, 2.425, math.radians(15.0))
 

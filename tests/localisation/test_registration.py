@@ -1,0 +1,62 @@
+"""Which of several registrations is believed: with a field of one dimension that has a false minimum."""
+
+import numpy as np
+
+from anm_mj.localisation.localisation_config import RegistrationConfig
+from anm_mj.localisation.registration import PLANAR, Prior, register, register_from_several
+from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
+
+RIGHT_M, FALSE_M = 0.0, 0.1
+COUNT = 60
+CONFIG = RegistrationConfig(field_deviation_m=0.01, color_deviation=0.0)
+
+
+def frame() -> FramePoints:
+    rng = np.random.default_rng(0)
+    camera = rng.random((COUNT, 3)).astype(np.float32)
+    return FramePoints(camera, camera, np.zeros(COUNT, np.float32), np.ones(COUNT, np.float32))
+
+
+def align(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettings) -> NormalEquations:
+    """All points lie off by the distance along x to the nearer minimum; in the false one a third of them never fits."""
+    x = float(T_world_camera[0, 3])
+    is_false = abs(x - FALSE_M) < abs(x - RIGHT_M)
+    distance = np.full(len(points), x - (FALSE_M if is_false else RIGHT_M))
+    if is_false:
+        distance[::3] = 0.5
+    square = (distance / settings.field_deviation_m) ** 2
+    share = settings.kernel**2 / (settings.kernel**2 + square)
+    weight = share**2 / settings.field_deviation_m**2 * (np.abs(distance) < 0.4)
+    row = np.eye(6)[0]
+    hessian = np.stack((np.outer(row, row) * weight.sum(), np.zeros((6, 6))))
+    gradient = np.stack((row * float(weight @ distance), np.zeros(6)))
+    facts = np.array([[float(share @ square), float((share**2).sum()), len(points)], [0.0, 0.0, 0.0]])
+    return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
+
+
+def test_a_false_minimum_is_left() -> None:
+    points = frame()
+    T = np.eye(4)
+    T[0, 3] = FALSE_M - 0.02
+    prior = Prior(T, np.diag([0.05**2, 0.01**2, 0.01**2]), PLANAR)
+    first = register(points, prior, align, lambda at: np.ones(len(at), bool), CONFIG)
+    assert abs(first.T_world_camera[0, 3] - FALSE_M) < 0.01
+    arguments = points, prior, align, lambda at: np.ones(len(at), bool), lambda _points, _T: 0.0, CONFIG, None
+    best = register_from_several(*arguments, np.random.default_rng(1), first)
+    assert abs(best.T_world_camera[0, 3] - RIGHT_M) < 0.01
+    assert best.mean_cost < first.mean_cost
+
+
+def test_a_pose_that_the_map_contradicts_is_not_taken() -> None:
+    points = frame()
+    T = np.eye(4)
+    T[0, 3] = FALSE_M - 0.02
+    prior = Prior(T, np.diag([0.05**2, 0.01**2, 0.01**2]), PLANAR)
+    first = register(points, prior, align, lambda at: np.ones(len(at), bool), CONFIG)
+
+    def contradicted(_points: FramePoints, T_world_camera: np.ndarray) -> float:
+        return 1.0 if abs(T_world_camera[0, 3] - RIGHT_M) < 0.05 else 0.0
+
+    arguments = points, prior, align, lambda at: np.ones(len(at), bool), contradicted, CONFIG, None
+    best = register_from_several(*arguments, np.random.default_rng(1), first)
+    assert best is first
