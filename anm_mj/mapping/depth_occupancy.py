@@ -18,7 +18,7 @@ from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.depth_noise import NoiseMean
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
-from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt, raise_stayed
+from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
 from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
@@ -66,8 +66,7 @@ class DepthOccupancy:
     def __init__(self, config: OccupancyConfig, moving: MovingConfig | None = None) -> None:
         """An empty grid."""
         self.config = config
-        self._moving = moving or MovingConfig()
-        self.moved = MovedVoxels(self._moving)
+        self._moved = MovedVoxels(moving or MovingConfig(), config)
         self._kernels = OccupancyKernels(config)
         shape = (0, 0, 0)
         self.voxels = VoxelArrays(
@@ -150,41 +149,31 @@ class DepthOccupancy:
             # Space that was looked through is known, however far away the next surface lies. The sky above is not kept.
             low[:2], high[:2] = np.minimum(low, box[0])[:2], np.maximum(high, box[1])[:2]
         self._grow(low, high)
-        heavy = self.moved.heavy(self.voxels, self._num_frames)
+        heavy = self._moved.heavy(self.voxels, self._num_frames)
         if moved_m is not None:
-            self._take_moved(view._replace(depth_m=moved_m), phase, stride)
+            places, _ = self._kernels.hits(view._replace(depth_m=moved_m), phase, stride)
+            self._moved.take(self.voxels, places, self._num_frames)
         low, high = box
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
         self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
 
-    def _take_moved(self, view: CameraView, phase: tuple[int, int], stride: int) -> None:
-        """Note where something moves; what stays there becomes surface."""
-        voxels, _ = self._kernels.hits(view, phase, stride)
-        self.moved.note(voxels, self._num_frames)
-        raise_stayed(self.voxels, voxels, self._moving.stay, self.config, self._num_frames)
-
     def hold_moved(self) -> None:
         """See :class:`anm_mj.protocols.FindsMoved`."""
-        self.moved.hold(self.voxels, self._num_frames)
+        self._moved.hold(self.voxels, self._num_frames)
 
     def release_moved(self) -> bool:
         """See :class:`anm_mj.protocols.FindsMoved`."""
-        return self.moved.release(self.voxels, self._num_frames)
+        return self._moved.release(self.voxels, self._num_frames)
 
     def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
         """The pixels of a frame that show something that was not there before; None for none."""
         if not self.voxels.state.size:
             return None
         view = self._view(observation.depth_m, observation.intrinsics, observation.T_world_camera)
-        doubt = depth_doubt(
-            self.noise.value,
-            observation.position_deviation_m,
-            observation.heading_deviation_rad,
-            self.config.carve_range_m,
-        )
-        moved = self._kernels.moved(self.voxels, view, doubt, self._moving.free_looks)
+        doubt = depth_doubt(self.noise.value, observation, self.config.carve_range_m)
+        moved = self._kernels.moved(self.voxels, view, doubt, self._moved.config.free_looks)
         return moved if moved.any() else None
 
     def rebuild(self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]]) -> None:

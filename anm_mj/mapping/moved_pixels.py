@@ -6,8 +6,8 @@ RA-L 2023; growth in the image: Palazzolo et al., ReFusion, IROS 2019). No detec
 
 A pixel counts as moved only if all space that its depth may be too short by is free, too: by the noise learnt from the
 images and by how unsure the pose is. Moved pixels mark no surface. They raise the log-odds of their voxels more slowly
-than looking through lowers them, so that what stays becomes surface after a while. Where
-something moves, looking through voxels counts as much as a hit: what was marked before it was known to move is freed.
+than looking through lowers them, so that what stays becomes surface after a while. Where something moves, looking
+through voxels counts as much as a hit: what was marked before it was known to move is freed.
 """
 
 from __future__ import annotations
@@ -20,12 +20,10 @@ from jaxtyping import Int64, UInt8
 from anm_mj.mapping.depth_noise import EXACT_PER_M
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.occupancy_kernels import BLOCK, NOWHERE, VoxelArrays
-from anm_mj.types import FREE, OCCUPIED
+from anm_mj.types import FREE, OCCUPIED, Observation
 
 NOISE_REACH = 4.0
 """Depth may be too short by so many standard deviations."""
-
-
 _HELD = 1
 """Log-odds of a voxel that is taken for an obstacle for now; less than those of any hit."""
 
@@ -33,20 +31,30 @@ _HELD = 1
 class MovedVoxels:
     """Remembers where something moved lately, and what of it is taken for an obstacle."""
 
-    def __init__(self, config: MovingConfig) -> None:
-        self._config = config
+    def __init__(self, config: MovingConfig, occupancy: OccupancyConfig) -> None:
+        self.config, self._occupancy = config, occupancy
         self._last: dict[tuple[int, int], int] = {}
         """Frame in which something moved in a column of blocks, by its x and y in blocks of the world."""
-
         self._newest: Int64[np.ndarray, "n 3"] = np.zeros((0, 3), np.int64)
         """Where something moved in the last frame that showed any, by x, y and z index."""
         self._held: Int64[np.ndarray, "m 3"] = self._newest
 
-    def note(self, voxels: Int64[np.ndarray, "n 3"], frame: int) -> None:
-        """Something moved in voxels, given by x, y and z index."""
-        for x, y in np.unique(voxels[:, :2] // BLOCK, axis=0).tolist():
+    def take(self, voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int) -> None:
+        """Note that something moved in voxels, given by x, y and z index; what stays there becomes surface."""
+        for x, y in np.unique(places[:, :2] // BLOCK, axis=0).tolist():
             self._last[x, y] = frame
-        self._newest = np.unique(voxels, axis=0)
+        self._newest = np.unique(places, axis=0)
+        _, cells = voxels.cells_of(self._newest)
+        raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + self.config.stay, self._occupancy.limit)
+        # What nobody has looked through holds no evidence to be outweighed.
+        known = voxels.log_odds[cells] < 0
+        cells = tuple(axis[known] for axis in cells)
+        voxels.log_odds[cells] = raised[known].astype(np.int8)
+        layer, row, col = (axis[raised[known] >= 0] for axis in cells)
+        voxels.log_odds[layer, row, col] = self._occupancy.hit
+        voxels.state[layer, row, col] = OCCUPIED
+        voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame
 
     def hold(self, voxels: VoxelArrays, frame: int) -> None:
         """Take what moved last for an obstacle; looking through it once frees it."""
@@ -55,7 +63,7 @@ class MovedVoxels:
 
     def release(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take what was held for an obstacle for free space; whether any was left."""
-        found = self._set(voxels, self._held, frame, below=_HELD, log_odds=-self._config.free_looks, state=FREE)
+        found = self._set(voxels, self._held, frame, below=_HELD, log_odds=-self.config.free_looks, state=FREE)
         self._held = self._held[:0]
         return found
 
@@ -73,7 +81,7 @@ class MovedVoxels:
 
     def heavy(self, voxels: VoxelArrays, frame: int) -> UInt8[np.ndarray, "block_rows block_cols"]:
         """Columns of a grid's blocks in which something moved in the last frames; empty for none."""
-        oldest = frame - self._config.memory_frames
+        oldest = frame - self.config.memory_frames
         self._last = {place: last for place, last in self._last.items() if last >= oldest}
         if not self._last:
             return NOWHERE
@@ -85,33 +93,14 @@ class MovedVoxels:
         return found
 
 
-def depth_doubt(noise_per_m: float, position_m: float, heading_rad: float, range_m: float) -> tuple[float, float]:
+def depth_doubt(noise_per_m: float, observation: Observation, range_m: float) -> tuple[float, float]:
     """By how much a measured depth may be too short: a factor of its square [1/m], and a length [m].
 
     Args:
         noise_per_m: the sensor's, as :mod:`anm_mj.mapping.depth_noise` has it; infinite where nobody knows.
-        position_m: standard deviation of the camera's position [m].
-        heading_rad: that of its rotation [rad].
-        range_m: depth at which the rotation counts [m].
+        observation: says how sure the pose is.
+        range_m: depth at which its rotation counts [m].
     """
     noise = 0.0 if noise_per_m < EXACT_PER_M or not math.isfinite(noise_per_m) else noise_per_m
-    return NOISE_REACH * noise, NOISE_REACH * math.hypot(position_m, heading_rad * range_m)
-
-
-def raise_stayed(
-    voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], stay: int, occupancy: OccupancyConfig, frame: int
-) -> None:
-    """Raise the log-odds of voxels, given by x, y and z index, in which something has come and maybe stays."""
-    _, cells = voxels.cells_of(np.unique(places, axis=0))
-    raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + stay, occupancy.limit).astype(np.int8)
-    # What nobody has looked through holds no evidence to be outweighed.
-    known = voxels.log_odds[cells] < 0
-    cells = tuple(axis[known] for axis in cells)
-    voxels.log_odds[cells] = raised[known]
-    became = raised[known] >= 0
-    if became.any():
-        layer, row, col = (axis[became] for axis in cells)
-        voxels.log_odds[layer, row, col] = occupancy.hit
-        voxels.state[layer, row, col] = OCCUPIED
-        voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+    pose_m = math.hypot(observation.position_deviation_m, observation.heading_deviation_rad * range_m)
+    return NOISE_REACH * noise, NOISE_REACH * pose_m

@@ -1,5 +1,7 @@
 """What the grid says of pixels that show something new, and what becomes of it: a wall with a thing before it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -127,9 +129,10 @@ def test_what_is_held_is_an_obstacle_until_it_is_released_or_looked_through():
 
 
 def test_depth_without_noise_may_be_too_short_by_nothing():
-    assert depth_doubt(1e-6, 0.0, 0.0, 5.0) == (0.0, 0.0)
-    assert depth_doubt(np.inf, 0.0, 0.0, 5.0) == (0.0, 0.0)
-    assert depth_doubt(0.002, 0.03, 0.01, 4.0) == pytest.approx((0.008, 0.2))
+    unsure = replace(view(deviation_m=0.03), heading_deviation_rad=0.01)
+    assert depth_doubt(1e-6, view(), 5.0) == (0.0, 0.0)
+    assert depth_doubt(np.inf, view(), 5.0) == (0.0, 0.0)
+    assert depth_doubt(0.002, unsure, 4.0) == pytest.approx((0.008, 0.2))
 
 
 @pytest.mark.parametrize(
