@@ -93,7 +93,7 @@ def _clusters(observation: Observation) -> list[tuple[float, float, float]]:
     cells -= cells.min(axis=0)
     taken = np.zeros(cells.max(axis=0) + 1, bool)
     taken[cells[:, 0], cells[:, 1]] = True
-    label, _ = ndimage.label(taken, np.ones((3, 3)))
+    label, _ = ndimage.label(taken, np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
     of_point = label[cells[:, 0], cells[:, 1]]
     found = []
     for number in np.flatnonzero(np.bincount(of_point) >= _LEAST_POINTS).tolist():
