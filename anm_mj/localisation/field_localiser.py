@@ -137,7 +137,8 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        told = observation if lost else self._without_moved(observation, prior)
+        tells = not lost and self._map.config.moving.detect
+        told = self._without_moved(observation, prior) if tells else observation
         self._points = points = draw_points(told, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
