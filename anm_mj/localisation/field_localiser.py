@@ -19,7 +19,13 @@ from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
+from anm_mj.localisation.localiser import (
+    PoseEstimate,
+    RegistrationQuality,
+    TrackingState,
+    largest_deviations,
+    with_deviations,
+)
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import (
     FREE,
@@ -137,8 +143,11 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        tells = not lost and self._map.config.moving.detect
-        told = self._without_moved(observation, prior) if tells else observation
+        told = observation
+        if self._map.config.moving.detect and not lost:
+            # Moved pixels are told apart as far as the map can tell from where the camera may be.
+            believed = replace(observation, T_world_camera=prior.T_world_camera)
+            told = self._map.find_moved(with_deviations(believed, self._basis @ prior.covariance @ self._basis.T))
         self._points = points = draw_points(told, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
@@ -287,13 +296,6 @@ class FieldLocaliser:
             self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion, self._scale
         )
 
-    def _without_moved(self, observation: Observation, prior: Prior) -> Observation:
-        """The frame without the pixels that moved, as far as the map can tell from where the camera may be."""
-        covariance = self._basis @ prior.covariance @ self._basis.T
-        position_m, rotation_rad = largest_deviations(covariance)
-        believed = replace(observation, T_world_camera=prior.T_world_camera, position_deviation_m=position_m)
-        return self._map.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
-
     def _may_be_wrong(self, prior: Prior, found: Registration) -> bool:
         """Whether a registration may have ended in a false minimum: it costs more than usual."""
         settings = self.config.registration
@@ -346,10 +348,7 @@ class FieldLocaliser:
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         usable = usable and self._state is TrackingState.TRACKING
-        estimate = PoseEstimate(placed, covariance, quality, self._state, usable)
-        deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
-        told = replace(placed, position_deviation_m=deviations[0], heading_deviation_rad=deviations[1])
-        return replace(estimate, observation=told)
+        return PoseEstimate(with_deviations(placed, covariance), covariance, quality, self._state, usable)
 
     def _base(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
         if self._base_pose is not None:
