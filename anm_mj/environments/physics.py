@@ -9,6 +9,7 @@ from dm_control.rl import control
 
 from anm_mj.control.action_motion import MotionLimits, action_profile
 from anm_mj.environments.actions import CONTROL_S
+from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.simulation_config import SimulationConfig
@@ -31,6 +32,19 @@ class RobotPhysics(control.Physics):
         self._robot: SimRobot | None = None
         self._action: Action | Twist = Action.STOP
         self._result: ActionResult | MotionResult | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is copied and pickled.
+
+        Raises:
+            TaskError: there are a simulator and a GL context, which belong to this process.
+        """
+        if self._robot is not None:
+            raise TaskError(
+                "An environment that has been reset cannot be copied or pickled; do it before the first reset() or "
+                "after close(), or make another one, and repeat seed and actions."
+            )
+        return self.__dict__
 
     @property
     def robot(self) -> SimRobot:
