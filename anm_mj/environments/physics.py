@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dm_control.rl import control
 
@@ -33,16 +33,16 @@ class RobotPhysics(control.Physics):
         self._action: Action | Twist = Action.STOP
         self._result: ActionResult | MotionResult | None = None
 
-    def __getstate__(self) -> dict[str, object]:
-        """What is copied and pickled.
+    def __getstate__(self) -> dict[str, Any]:
+        """What copies and pickles keep.
 
         Raises:
-            TaskError: there are a simulator and a GL context, which belong to this process.
+            TaskError: once there is a simulation, which cannot be copied.
         """
         if self._robot is not None:
             raise TaskError(
-                "An environment that has been reset cannot be copied or pickled; do it before the first reset() or "
-                "after close(), or make another one, and repeat seed and actions."
+                "An environment cannot be copied or pickled after its first reset, because it holds a simulation: copy "
+                "it before, or make another one, reset it with the same seed and repeat the actions."
             )
         return self.__dict__
 

@@ -137,7 +137,7 @@ def test_copies_are_made_before_the_simulator(env, copy_of):
     fresh = copy_of(ExploreEnv("home", image_px=32))
     wanted = env.reset(seed=5)[1]["pose"]
     np.testing.assert_array_equal(fresh.reset(seed=5)[1]["pose"], wanted)
-    with pytest.raises(TaskError, match="before the first reset"):
+    with pytest.raises(TaskError, match="after its first reset"):
         copy_of(fresh)
     fresh.close()
     copy_of(fresh)
