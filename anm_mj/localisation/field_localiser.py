@@ -15,17 +15,11 @@ from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.floor_plane import pose_above_floor
-from anm_mj.localisation.frame_points import draw_points
+from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.localiser import (
-    PoseEstimate,
-    RegistrationQuality,
-    TrackingState,
-    largest_deviations,
-    with_deviations,
-)
+from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import (
     FREE,
@@ -145,9 +139,7 @@ class FieldLocaliser:
         settings = self.config.registration
         told = observation
         if self._map.config.moving.detect and not lost:
-            # Moved pixels are told apart as far as the map can tell from where the camera may be.
-            believed = replace(observation, T_world_camera=prior.T_world_camera)
-            told = self._map.find_moved(with_deviations(believed, self._basis @ prior.covariance @ self._basis.T))
+            told = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)
         self._points = points = draw_points(told, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
@@ -161,10 +153,9 @@ class FieldLocaliser:
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
-        if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
-            return self._predicted(observation, prior, found, misfit=True)
-        if found.known < tracking.least_known:
-            return self._predicted(observation, prior, found, misfit=False)
+        misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
+        if misfit or found.known < tracking.least_known:
+            return self._predicted(observation, prior, found, misfit=misfit)
         self._misfits = 0
         self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
@@ -340,15 +331,16 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             self._T_last_now = np.linalg.inv(self._T_world_camera) @ T_world_camera
         self._T_world_camera, self._T_odometry = T_world_camera, observation.T_world_camera
-        dof = self._basis.shape[1]
-        if found is None:
-            quality = RegistrationQuality(0.0, 0.0, math.nan, 0, dof)
-        else:
-            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
+        quality = RegistrationQuality(0.0, 0.0, math.nan, 0, self._basis.shape[1])
+        if found is not None:
+            quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         usable = usable and self._state is TrackingState.TRACKING
-        return PoseEstimate(with_deviations(placed, covariance), covariance, quality, self._state, usable)
+        estimate = PoseEstimate(placed, covariance, quality, self._state, usable)
+        deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
+        told = replace(placed, position_deviation_m=deviations[0], heading_deviation_rad=deviations[1])
+        return replace(estimate, observation=told)
 
     def _base(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
         if self._base_pose is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
@@ -41,12 +41,6 @@ def largest_deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, flo
     """Largest standard deviations along any direction of a displacement [m] and about any axis of a rotation [rad]."""
     position, rotation = (np.linalg.eigvalsh(covariance[part, part])[-1] for part in (slice(3), slice(3, 6)))
     return float(np.sqrt(position)), float(np.sqrt(rotation))
-
-
-def with_deviations(observation: Observation, covariance: Float[np.ndarray, "6 6"]) -> Observation:
-    """The frame with how unsure its pose is."""
-    position_m, rotation_rad = largest_deviations(covariance)
-    return replace(observation, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
 
 
 @dataclass(frozen=True)
