@@ -223,10 +223,9 @@ class Crowd:
         random = np.random.default_rng([self._seed, 84, one, int(self._num_goals[one])])
         places, here = self.floor.places_m, self.xy_m[one]
         stuck = bool(time_s - self._progress_s[one] > _STUCK_S)
-        for _ in range(_TRIES):
-            goal = places[random.integers(len(places))]
-            if math.dist(goal, here) >= _NEAREST_GOAL_M:
-                break
+        goal, tries = here, 0
+        while math.dist(goal, here) < _NEAREST_GOAL_M and tries < _TRIES:
+            goal, tries = places[random.integers(len(places))], tries + 1
         self._path[one] = self.floor.path(here, goal)
         self._progress_s[one] = time_s
         if not stuck:
