@@ -111,7 +111,7 @@ def _walls_and_lintels(
 def _standing_free(walls: Bool[np.ndarray, "r c"], area: NavigableArea) -> Bool[np.ndarray, "r c"]:
     """Cells of shelves, posts and the like: pieces as deep as furniture that no wall touches, and short ones."""
     cell_m = area.grid.resolution_m
-    pieces, num = ndimage.label(ndimage.binary_dilation(walls, iterations=2), np.ones((3, 3)))
+    pieces, num = label_components(np.asarray(ndimage.binary_dilation(walls, iterations=2), dtype=bool), diagonal=True)
     sizes = np.bincount(pieces.ravel(), minlength=num + 1)
     free = np.zeros_like(walls)
     for number, box in enumerate(ndimage.find_objects(pieces), start=1):
@@ -147,10 +147,11 @@ def segment_floor(
         ndimage.gaussian_filter(distance_in_walls(cells) * cell_m, 0.7) for cells in (free & ~lintels, free)
     )
     # Too many tops do not matter: their basins merge.
-    tops, _ = ndimage.label((ndimage.maximum_filter(parted, 5) == parted) & free & ~lintels, np.ones((3, 3)))
+    highest = np.asarray(ndimage.maximum_filter(parted, 5)) == parted
+    tops, _ = label_components(highest & free & ~lintels, diagonal=True)
     basin = np.asarray(watershed(-parted, tops, mask=free & ~lintels))
-    nearest = ndimage.distance_transform_edt(basin == 0, return_distances=False, return_indices=True)
-    basin = np.where(lintels, basin[tuple(nearest)], basin)
+    nearest = np.asarray(ndimage.distance_transform_edt(basin == 0, return_distances=False, return_indices=True))
+    basin = np.where(lintels, basin[nearest[0], nearest[1]], basin)
     num = int(basin.max())
     below = np.where(lintels, np.minimum(distance_m, _LINTEL_DOOR_M / 2), distance_m)
     bottlenecks = sorted(_bottlenecks(basin, below).items())
