@@ -36,15 +36,17 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     config = make_config(DEFAULT_PRESET, list(settings), scene="", robot=robot).model
     path = robot_path(robot)
     backend = select_backend()
-    from anm_mj.robot.description import describe_robot
+    from anm_mj.mjcf.read_mjcf import root_tag
+    from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.drive_trial import drive_over_a_floor, plain_fault
     from anm_mj.sim.robot_views import SIDES, robot_views
     from anm_mj.viz.picture_row import save_picture_row
 
-    found = describe_robot(path, config)
+    found = describe_file(path, config)
     test = drive_over_a_floor(found)
     console = PlainConsole()
-    plain = plain_fault(path, found.root)
+    # What MuJoCo alone makes of a URDF is not what runs here.
+    plain = plain_fault(path, found.root) if root_tag(path) == "mujoco" else ""
     console.say(*describe(found, test), *([f"warning: {plain}"] if plain else []))
     images = robot_views(found.spec, found.root, found.T_root_base, found.T_base_camera, found.footprint, backend)
     out = out or Path(f"{found.name}_check.png")

@@ -87,9 +87,9 @@ def _footprint(config: SimulationConfig) -> Footprint:
     if config.robot == DEFAULT_ROBOT:
         return FOOTPRINT
     select_backend()  # MuJoCo, which reads the file, must not be imported before.
-    from anm_mj.robot.description import describe_robot
+    from anm_mj.sim.describe_file import describe_file
 
-    return describe_robot(path, config.model).footprint
+    return describe_file(path, config.model).footprint
 
 
 @functools.lru_cache(maxsize=64)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dm_control.rl import control
 
 from anm_mj.control.action_motion import MotionLimits, action_profile
 from anm_mj.environments.actions import CONTROL_S
+from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.simulation_config import SimulationConfig
@@ -31,6 +32,19 @@ class RobotPhysics(control.Physics):
         self._robot: SimRobot | None = None
         self._action: Action | Twist = Action.STOP
         self._result: ActionResult | MotionResult | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What copies and pickles keep.
+
+        Raises:
+            TaskError: once there is a simulation, which cannot be copied.
+        """
+        if self._robot is not None:
+            raise TaskError(
+                "An environment cannot be copied or pickled after its first reset, because it holds a simulation: copy "
+                "it before, or make another one, reset it with the same seed and repeat the actions."
+            )
+        return self.__dict__
 
     @property
     def robot(self) -> SimRobot:

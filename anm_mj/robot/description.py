@@ -106,21 +106,25 @@ class RobotDescription:
 
 
 def describe_robot(
-    path: Path, config: RobotConfig | None = None, camera: CameraConfig | None = None, image_px: int = 256
+    path: Path,
+    config: RobotConfig | None = None,
+    camera: CameraConfig | None = None,
+    image_px: int = 256,
+    *,
+    given: mujoco.MjSpec | None = None,
 ) -> RobotDescription:
     """Read a robot from an MJCF file.
 
     ``config`` says how where the file leaves that open, ``camera`` what differs from its camera, and ``image_px`` the
-    width and height of its image where ``camera`` does not [px].
+    width and height of its image where ``camera`` does not [px]. ``given`` is what another reader made of the file; it
+    is changed.
 
     Raises:
         RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
-    if path.suffix == ".xacro":
-        raise RobotError(f"{path} is a template of a robot: give what xacro {path.name} > {path.stem} writes.")
     try:
-        spec = read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+        spec = given or read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
         raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:
@@ -185,7 +189,7 @@ def describe_robot(
     model = _compiled(spec, path)
     T_base_world = np.linalg.inv(base.T_world_base)
     return RobotDescription(
-        name=path.stem,
+        name=Path(path.name.removesuffix(".xacro")).stem,
         kind=drive.kind,
         spec=spec,
         root=drive.root,
@@ -303,15 +307,10 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
         return compile_spec(spec)
     except (ValueError, RuntimeError, MemoryError) as err:
-        raise RobotError(f"The robot {path} cannot be compiled by itself ({err}); {_way_out(str(err))}.") from err
-
-
-def _way_out(said: str) -> str:
-    if "package:/" in said:
-        return "write the paths of its meshes relative to its file in place of package://"
-    if "no decoder found for mesh file" in said:
-        return "convert its meshes to .stl, .obj or .msh"
-    return "fix that, or remove references to elements outside the robot"
+        way_out = "fix that, or remove references to elements outside the robot"
+        if "no decoder found for mesh file" in str(err):
+            way_out = "convert its meshes to .stl, .obj or .msh"
+        raise RobotError(f"The robot {path} cannot be compiled by itself ({err}); {way_out}.") from err
 
 
 def _shell_and_casters(

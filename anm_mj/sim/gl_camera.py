@@ -12,7 +12,7 @@ import logging
 import os
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import mujoco
 import numpy as np
@@ -87,7 +87,7 @@ class GlCamera(Camera):
         """Render colour and depth; see :meth:`Camera.render`."""
         if self._gl_context is None:
             raise RenderError("This camera is closed; make a new GlCamera to render again.")
-        self._gl_context.make_current()
+        _make_current(self._gl_context)
         if self._culling is None:
             return self._draw(data, np.zeros(0, np.int64))
         self._culling.start_image(self.T_world_camera(data))
@@ -112,9 +112,13 @@ class GlCamera(Camera):
         return self._rgb[::-1].copy(), self._depth_m(self._depth[::-1])
 
     def close(self) -> None:
-        """Free the GL context; may be called again."""
+        """Free the GL context; may be called again.
+
+        Raises:
+            RenderError: if another thread, which still runs, has rendered with it.
+        """
         if self._gl_context is not None:
-            self._gl_context.make_current()
+            _make_current(self._gl_context)
             self._mjr_context.free()
             self._gl_context.free()
             self._gl_context = None
@@ -138,7 +142,19 @@ class GlCamera(Camera):
 
 def _close(camera: weakref.ref[GlCamera]) -> None:
     if (open_one := camera()) is not None:
-        open_one.close()
+        with suppress(RenderError):
+            open_one.close()
+
+
+def _make_current(context: mujoco.GLContext) -> None:
+    """Let this thread render with a context; raises RenderError while another thread holds it."""
+    try:
+        context.make_current()
+    except Exception as err:  # Back-ends raise different exceptions.
+        raise RenderError(
+            "The GL context of this simulation belongs to the thread that made it, and this is another one: reset, "
+            "step, render and close an environment or a robot in one thread."
+        ) from err
 
 
 def _make_contexts(model: mujoco.MjModel, width: int, height: int) -> tuple[mujoco.GLContext, mujoco.MjrContext]:

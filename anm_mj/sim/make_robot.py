@@ -72,16 +72,16 @@ def make_robot(
     import mujoco
 
     from anm_mj.localisation.odometry import odometer_of
-    from anm_mj.robot.description import describe_robot
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
+    from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
     from anm_mj.sim.drives.physics_drive import PhysicsDrive
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.sim_robot import SimRobot
 
-    description = describe_robot(path, config.model, config.camera, config.image_px)
+    description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint)
     model = build_model(
         scene,

@@ -234,23 +234,3 @@ def test_robot_path(tmp_path, monkeypatch):
     assert robot_path(str(ROVER_XML)) == ROVER_XML
     with pytest.raises(RobotError, match=r"no robot file nobody, .* a name: diff_drive, stretch3"):
         robot_path("nobody")
-
-
-@pytest.mark.parametrize(
-    ("name", "mesh", "said"),
-    [
-        ("bot.urdf", "package://bot/base.stl", r"relative to its file in place of package://"),
-        ("bot.urdf", "base.dae", r"convert its meshes to \.stl, \.obj or \.msh"),
-        ("bot.urdf.xacro", "base.stl", r"give what xacro bot\.urdf\.xacro > bot\.urdf writes"),
-    ],
-)
-def test_a_urdf_that_ros_alone_reads_is_refused_with_a_way_out(tmp_path, name, mesh, said):
-    (tmp_path / "base.dae").write_text("<COLLADA/>")
-    path = tmp_path / name
-    path.write_text(
-        f'<robot name="bot"><link name="base"><collision><geometry><mesh filename="{mesh}"/></geometry></collision>'
-        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-        "</link></robot>"
-    )
-    with pytest.raises(RobotError, match=said):
-        describe_robot(path)

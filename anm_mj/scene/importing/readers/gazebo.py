@@ -116,7 +116,7 @@ class _Reader:
                 else:
                     self._read_scope(inner, part_path(part, child, "model"))
             elif child.tag == "link":
-                folder = Path(scope.element.get(FOLDER, "."))
+                folder = Path(child.get(FOLDER) or scope.element.get(FOLDER, "."))
                 for visual in child.findall("visual"):
                     self._read_visual(visual, scope, scope.place(child), folder, part_path(part, child, "link"))
             elif child.tag == "joint":

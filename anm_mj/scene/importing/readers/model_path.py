@@ -16,6 +16,8 @@ from anm_mj.utils.files import home_folder
 from anm_mj.utils.read_file import read_bytes
 
 _VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
+_ROS = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"))
+"""Variables with folders of ROS, and where below each the packages are."""
 _LEVELS = 5
 """A ROS package keeps its worlds up to this many folders below the folder that also holds ``models``."""
 _ELSEWHERE = (
@@ -57,12 +59,13 @@ def places_of(source: Path, others: Sequence[Path] = ()) -> Places:
 def world_places(world: Path, given: Sequence[Path]) -> Places:
     """Where the models that a world names are looked for, and may lie.
 
-    Those given come first, then those of Gazebo's environment variables, then ``models`` beside the world's folder or a
-    few levels above it, and last Gazebo's own caches.
+    Those given come first, then those of Gazebo's and ROS's environment variables, then ``models`` beside the world's
+    folder or a few levels above it, and last Gazebo's own caches.
     """
     stated = list(given)
-    for variable in _VARIABLES:
-        stated += [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
+    for variable, below in (*((name, ".") for name in _VARIABLES), *_ROS):
+        entries = [entry for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
+        stated += [Path(entry).expanduser() / below for entry in entries]
     beside, above_world = [], [world.absolute().parent, *world.absolute().parent.parents][:_LEVELS]
     for above in above_world:
         beside += [above / "models", above / "gazebo_models", above]
@@ -107,11 +110,19 @@ def _named_places(name: str, folder: Path, folders: Sequence[Path]) -> list[Path
     """Where a model, or a file in one, may be by its path below the folder that holds the model."""
     if not name:
         return []
-    model = name.partition("/")[0]
+    model, _, rest = name.partition("/")
     # Inside a model, its own name means it wherever it lies, and its siblings are the next thing to look at.
-    own = [above.parent for above in (folder, *folder.parents)[:4] if above.name == model]
+    own = [above for above in (folder, *folder.parents)[:4] if model in (above.name, _package_name(above))]
     beside = list(folder.parents)[:3]
-    return [root / name for root in (*own, *folders, *beside)]
+    return [*(root / rest for root in own), *(root / name for root in (*folders, *beside))]
+
+
+def _package_name(folder: Path) -> str:
+    """The name of the ROS package in a folder, which may be called otherwise; empty where there is none."""
+    try:
+        return (ET.fromstring(read_bytes(folder / "package.xml").lstrip()).findtext("name") or "").strip()
+    except (OSError, ValueError, LookupError, ET.ParseError):
+        return ""
 
 
 def uri_name(uri: str) -> str:

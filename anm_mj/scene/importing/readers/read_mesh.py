@@ -94,7 +94,10 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
         if name not in loaded.geometry:
             report.add(LEFT_OUT, f"geometry {name!r} of {src.name}")
     if not any(len(submesh.faces) for submesh in submeshes):
-        raise SceneError(f"{src} holds no triangles (a point cloud, or empty): give a mesh with faces.")
+        raise SceneError(
+            f"{src} holds no triangles (a point cloud, Gaussian splats, or nothing): reconstruct its surface, as "
+            "MeshLab does, or give the mesh of the program that made it."
+        )
     if neighbours.missed or not facts.decodable:
         # White is what is left of a material whose texture is missing; white walls would be lost against one another.
         return [

@@ -7,9 +7,13 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, uri_name
+from anm_mj.scene.importing.readers.sdf_pose import FRAMED, Scope, relative_to
 from anm_mj.scene.importing.readers.xacro_file import XACRO, expanded
 from anm_mj.utils.read_file import read_bytes
 
@@ -110,6 +114,40 @@ class _Includes:
             model.append(pose)
         parent.insert(at, model)
         self.expand(parent, model, file.absolute().parent, depth + 1)
+        if parent.tag == "model" and include.get("merge", "").strip().lower() in ("true", "1"):
+            _merge(parent, model)
+
+
+def _merge(parent: ET.Element, model: ET.Element) -> None:
+    """Put what an included model holds in its place; a frame of its name stands for the model's own (SDFormat 1.9)."""
+    name = f"_merged__{model.get('name', '')}__model__"
+    frame = ET.Element("frame", name=name)
+    frame.extend(model.findall("pose"))
+    frames, placed = [frame], model.get("placement_frame")
+    if placed:
+        # The pose is that of the placement frame, and the model's own follows from it.
+        T = np.linalg.inv(Scope(model, np.eye(4), {}, "").frame(placed))
+        numbers = (*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat())
+        frame.set("name", f"{name}placement")
+        frames.append(ET.Element("frame", name=name))
+        pose = ET.SubElement(frames[-1], "pose", relative_to=f"{name}placement", rotation_format="quat_xyzw")
+        pose.text = " ".join(map(repr, map(float, numbers)))
+    at = list(parent).index(model)
+    parent.remove(model)
+    parts = [child for child in model if child.tag in FRAMED]
+    for part in parts:
+        if part.tag != "model":
+            part.set(FOLDER, model.get(FOLDER, ""))
+        # What a nested model holds is relative to that model.
+        for element in (part,) if part.tag == "model" else part.iter():
+            for child in (element, *element.findall("pose"), *element.findall("xyz")):
+                for key in ("relative_to", "attached_to", "expressed_in"):
+                    if child.get(key) == "__model__":
+                        child.set(key, name)
+        if part.tag != "joint" and not (relative_to(part) or part.get("attached_to")):
+            pose = part.find("pose")
+            (ET.SubElement(part, "pose") if pose is None else pose).set("relative_to", name)
+    parent[at:at] = [*frames, *parts]
 
 
 def _parse(file: Path) -> ET.Element:

@@ -14,7 +14,7 @@ from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 
-_FRAMED = ("model", "link", "joint", "frame")
+FRAMED = ("model", "link", "joint", "frame")
 """Elements that others may stand relative to."""
 _OF_SCOPE = ("__model__", "world", "__root__")
 """Names of the frame of the model or world itself."""
@@ -109,7 +109,7 @@ class Scope:
         self.path = path
         self._states = states
         self._where = f"{element.tag} {element.get('name', '')!r}"
-        self._framed = {child.get("name", ""): child for child in element if child.tag in _FRAMED}
+        self._framed = {child.get("name", ""): child for child in element if child.tag in FRAMED}
         self._poses: dict[str, Transform] = {}
 
     def place(self, child: ET.Element) -> Transform:
@@ -119,7 +119,7 @@ class Scope:
             SceneError: if its pose is relative to a frame that is not there, or to itself by a detour.
         """
         name = child.get("name", "")
-        if child.tag in _FRAMED and self._framed.get(name) is child:
+        if child.tag in FRAMED and self._framed.get(name) is child:
             return self.frame(name)
         return self._place(child)
 
@@ -133,8 +133,8 @@ class Scope:
 
     def place_on(self, child: ET.Element, T_world_parent: Transform) -> Transform:
         """T_world_child of an element on the frame its pose names or on its parent; raises as ``place``."""
-        relative_to = _relative_to(child)
-        return (self.frame(relative_to) if relative_to else T_world_parent) @ pose_of(child)
+        frame = relative_to(child)
+        return (self.frame(frame) if frame else T_world_parent) @ pose_of(child)
 
     def _named(self, name: str) -> ET.Element:
         child = self._framed.get(name)
@@ -172,8 +172,8 @@ class Scope:
         state = self._states.get(self._state_path(child))
         if state is not None and child.tag in ("model", "link"):
             return state
-        relative_to = self._stands_on(child)
-        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_of(child)
+        frame = self._stands_on(child)
+        return (self.frame(frame) if frame else self.T_world_scope) @ pose_of(child)
 
     def _state_path(self, child: ET.Element) -> str:
         return "::".join(part for part in (self.path, child.get("name", "")) if part)
@@ -182,15 +182,16 @@ class Scope:
         """The frame that the pose of an element is relative to; empty where that is the scope's own, or the world's."""
         if child.tag in ("model", "link") and self._state_path(child) in self._states:
             return ""
-        relative_to = _relative_to(child)
-        if not relative_to and child.tag == "frame":
-            relative_to = child.get("attached_to")
-        if not relative_to and child.tag == "joint":
-            relative_to = (child.findtext("child") or "").strip()
-        return relative_to or ""
+        frame = relative_to(child)
+        if not frame and child.tag == "frame":
+            frame = child.get("attached_to")
+        if not frame and child.tag == "joint":
+            frame = (child.findtext("child") or "").strip()
+        return frame or ""
 
 
-def _relative_to(element: ET.Element) -> str | None:
+def relative_to(element: ET.Element) -> str | None:
+    """The frame that the pose of an element names; nothing where it names none."""
     pose = element.find("pose")
     return None if pose is None else pose.get("relative_to") or pose.get("frame")
 

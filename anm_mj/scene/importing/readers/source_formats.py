@@ -39,6 +39,13 @@ _CONVERTERS = {
     (".sh3d",): "a Sweet Home 3D file: export it there as {stem}.obj (3D view, Export to OBJ format)",
     (".skp",): "a SketchUp file: export it there as {stem}.dae or {stem}.glb",
     (".step", ".stp", ".iges", ".igs", ".fcstd"): "a CAD model: open it in FreeCAD, and export it as {stem}.glb",
+    (".pcd", ".las", ".laz", ".e57", ".pts", ".xyz"): (
+        "a point cloud, which has no surface: have MeshLab or CloudCompare reconstruct one, export it as {stem}.ply"
+    ),
+    (".splat", ".spz", ".ksplat"): (
+        "a file of Gaussian splats, which have no surface: take the mesh of the program that made it as {stem}.glb, or "
+        "map its depth images by `anm-mj map`"
+    ),
     (".svg", ".dxf", ".dwg"): "a drawing: draw its walls up in a modeller such as Blender, and export it as {stem}.glb",
 }
 """What files of other formats are, by suffix, and how they are converted."""

@@ -1,4 +1,4 @@
-"""Expands worlds that are written with macros (xacro), where the program that does so is installed."""
+"""Expands worlds and robots that are written with macros (xacro), where the program that does so is installed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def expanded(src: Path) -> bytes:
     except ImportError:
         raise SceneError(
             f"{src} is written with macros: install xacro (pip install xacro), or expand it with "
-            f"`xacro {src.name} > {src.name.removesuffix(XACRO)}` and import that."
+            f"`xacro {src.name} > {src.name.removesuffix(XACRO)}` and give that."
         ) from None
     try:
         return xacro.process_file(str(src)).toxml().encode()

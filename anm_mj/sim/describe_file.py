@@ -1,0 +1,99 @@
+"""Describes a robot from a file of any kind: an MJCF, a URDF with the meshes that ROS finds, or one with macros."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from anm_mj.errors import RobotError, SceneError
+from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
+from anm_mj.mjcf.read_mjcf import MAX_ROBOT_ELEMENTS, root_tag
+from anm_mj.robot.camera_config import CameraConfig
+from anm_mj.robot.description import RobotDescription, describe_robot
+from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.model_path import find_uri, world_places
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
+from anm_mj.scene.importing.readers.xacro_file import XACRO, expanded
+from anm_mj.scene.submesh import merge_geometry
+from anm_mj.utils.read_file import read_bytes
+
+
+def describe_file(
+    path: Path, config: RobotConfig | None = None, camera: CameraConfig | None = None, image_px: int = 256
+) -> RobotDescription:
+    """The robot of an MJCF or URDF file; see :func:`~anm_mj.robot.description.describe_robot`.
+
+    A URDF's meshes are found as ROS and Gazebo find them and may be of any format that scenes take. Of each its convex
+    hull is kept, all that MuJoCo collides with.
+
+    Raises:
+        RobotError: as ``describe_robot``, or if macros cannot be expanded, or a mesh is nowhere or cannot be read.
+    """
+    is_urdf = path.suffix.lower() == XACRO or root_tag(path) == "robot"
+    return describe_robot(path, config, camera, image_px, given=_urdf_spec(path) if is_urdf else None)
+
+
+def _urdf_spec(path: Path) -> mujoco.MjSpec:
+    """A URDF as MuJoCo reads it, its meshes in it."""
+    try:
+        content = expanded(path) if path.suffix.lower() == XACRO else read_bytes(path)
+        robot = ET.fromstring(content.lstrip())
+        if sum(1 for _ in robot.iter()) > MAX_ROBOT_ELEMENTS:
+            raise ValueError(f"it has more than {MAX_ROBOT_ELEMENTS} elements; set ANM_MJ_MAX_ELEMENTS to allow more")
+        hulls = _take_meshes(robot, path)
+        with quiet_mujoco():
+            spec = mujoco.MjSpec.from_string(ET.tostring(robot, encoding="unicode"))
+    except SceneError as err:
+        raise RobotError(str(err)) from err
+    except Exception as err:  # MuJoCo has errors of its own.
+        raise RobotError(f"The robot {path} cannot be read ({err}): give an MJCF or URDF file with one robot.") from err
+    for mesh in spec.meshes:
+        vertices, faces = hulls[mesh.file]
+        mesh.uservert, mesh.userface, mesh.file = vertices.ravel(), faces.ravel(), ""
+    return spec
+
+
+def _take_meshes(robot: ET.Element, path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Give every mesh a plain name, and the vertices and faces of its convex hull by that name."""
+    compiler, folder = robot.find("mujoco/compiler"), path.absolute().parent
+    below = "" if compiler is None else compiler.attrib.pop("meshdir", "")
+    if compiler is None or compiler.get("discardvisual") != "false":
+        for link in robot.findall("link"):
+            for visual in link.findall("visual"):
+                link.remove(visual)
+    places, report = world_places(path, robot_folders()), ImportReport()
+    names: dict[tuple[Path, str], str] = {}
+    hulls = {}
+    for shape in robot.findall("link/*/geometry/mesh"):
+        uri = shape.get("filename", "")
+        # MuJoCo's own <compiler meshdir> in a URDF is where all meshes lie.
+        alike = [uri] if not below else [f"{below}/{uri}", f"{below}/{uri.rpartition('/')[2]}", uri]
+        found = next((file for each in alike if (file := find_uri(each, folder, places, report)) is not None), None)
+        if found is None:
+            raise SceneError(
+                f"The robot {path} names the mesh {uri!r}, which is not found in its package or up to three folders "
+                f"above it: give the folder that holds it by {FOLDERS_VARIABLE}."
+            )
+        key = (found, shape.get("scale", ""))
+        if key not in names:
+            names[key] = f"{found.stem}_{len(names)}.stl"
+            hulls[names[key]] = _hull(found, report)
+        shape.set("filename", names[key])
+    report.log()
+    return hulls
+
+
+def _hull(file: Path, report: ImportReport) -> tuple[np.ndarray, np.ndarray]:
+    import trimesh
+
+    vertices, faces = merge_geometry(read_mesh(file, report))
+    try:
+        hull = trimesh.Trimesh(vertices, faces, process=False).convex_hull
+    except Exception as err:  # Qhull's errors.
+        raise SceneError(f"The mesh {file} has no volume: give a collision mesh that encloses one.") from err
+    return np.asarray(hull.vertices, float), np.asarray(hull.faces, np.int32)
