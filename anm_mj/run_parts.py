@@ -29,7 +29,8 @@ from anm_mj.planning.policies.return_to_certainty import ReturnToCertainty
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy, Robot
-from anm_mj.scene.folder import Scene, default_steps, load_scene
+from anm_mj.scene.budget import default_steps
+from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.starts import sample_start
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import Footprint, TrueView
@@ -96,7 +97,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         AnmError: see :func:`run`.
     """
     scene = load_scene(config.scene)
-    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    steps = config.steps or default_steps(scene, config.budget)
     config = replace(config, steps=steps)
     if prior is not None:
         prior.compare_scene(config.scene, scene.hash)

@@ -26,7 +26,7 @@ class EnvironmentConfig:
     """Settings of an episode of exploration, apart from the scene."""
 
     num_steps: int | None = None
-    """Steps until truncation; None = the scene's budget, or the default for its number of rooms."""
+    """Steps until truncation; None = the scene's budget, or else by its floor."""
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg] of every episode; None = a random reachable pose per episode."""
     drive: str = SimulationConfig.drive

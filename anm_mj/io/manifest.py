@@ -7,6 +7,7 @@ import platform
 import re
 import subprocess
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,7 @@ def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
     """
     return {
         **to_json(facts),
+        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "command": command,
         "packages": {name: _version(name) for name in PACKAGES},
         # A wheel may be installed within the repository of another project.

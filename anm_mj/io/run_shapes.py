@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated, Any
 
 from msgspec import Meta, Struct
@@ -98,6 +99,7 @@ class ManifestShape(Struct):
     robot: str = ""
     robot_hash: str = ""
     policy: str = ""
+    started: Annotated[datetime, Meta(tz=True)] | None = None
     continued_from: dict[str, Any] | None = None
     git: dict[str, Any] | None = None
 
