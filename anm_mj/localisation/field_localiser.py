@@ -153,6 +153,7 @@ class FieldLocaliser:
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
+        misfit |= self._is_jump(prior, found)
         misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
         if misfit or found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=misfit)
@@ -160,7 +161,9 @@ class FieldLocaliser:
         self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
-        return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
+        estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
+        self._key_images.see(estimate.observation, noise)
+        return estimate
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
@@ -293,7 +296,12 @@ class FieldLocaliser:
         position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
         vague = position > settings.retry_least_m or rotation > settings.retry_least_rad
         usual = float(np.median(self._costs)) if self._costs else 0.0
-        return found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
+        dear = found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
+        return dear or self._is_jump(prior, found)
+
+    def _is_jump(self, prior: Prior, found: Registration) -> bool:
+        """Whether a pose is too far from its prior to be believed of one frame."""
+        return found.prior_cost > self.config.registration.most_prior * len(prior.covariance)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
         return float(np.mean(agreement(points, T_world_camera, self._map.occupancy.by_depth).contradicted))
@@ -305,6 +313,7 @@ class FieldLocaliser:
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool
     ) -> PoseEstimate:
         """The prior's pose, for a frame that tells nothing, or contradicts the map."""
+        self._key_images.forget_last()
         self._misfits = self._misfits + 1 if misfit else self._misfits
         if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
