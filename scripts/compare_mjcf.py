@@ -103,7 +103,7 @@ def _sources(
 
 
 def _maze(seed: int):
-    import labmaze
+    import labmaze  # pyright: ignore[reportMissingImports] (no wheel for Python 3.13)
     from dm_control.locomotion.arenas import labmaze_textures, mazes
 
     arena = mazes.MazeWithTargets(

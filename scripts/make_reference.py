@@ -60,6 +60,10 @@ VARIABLES = (
     ("`ANM_MJ_ROBOTS`", "folders of robots, with `:` between them; `--robot` takes their names"),
     ("`ANM_MJ_MAX_...`", "limits of what a file may ask for: [bad_input.md](bad_input.md#limits) lists them"),
     ("`MUJOCO_GL`", "how images are rendered: `egl`, `osmesa` or `glfw`; else the first that works"),
+    (
+        "`MUJOCO_EGL_DEVICE_ID`",
+        "the [EGL device](camera.md) that draws, by its number in `doctor`; else the first",
+    ),
     ("`OMP_NUM_THREADS`", "threads of training and planning; else as many as there are cores"),
     ("`XDG_CACHE_HOME`", "where compiled models and samples of true surfaces are kept; else `~/.cache`"),
 )

@@ -65,6 +65,7 @@ def run_bench(
     function: str = EXPLORE,
     policies: Sequence[str] = (),
     one_revision: bool = False,
+    egl_devices: Sequence[int] = (),
     on_run: Callable[[int, int, str], None] = lambda done, total, last: None,
 ) -> Comparison:
     """Make the missing runs, then write tables and pictures of all.
@@ -83,6 +84,7 @@ def run_bench(
         function: Function that makes a run, as ``module:function`` (see :func:`anm_mj.bench.executor.execute`).
         policies: Policies beside those of the file, in all sweeps without settings of their own.
         one_revision: Whether to refuse a folder that holds runs of another revision of this program.
+        egl_devices: Numbers of the EGL devices that draw, which the runs take in turn; none = as the environment says.
         on_run: Called after every run with done and total runs and the last one's name or error.
 
     Raises:
@@ -107,7 +109,8 @@ def run_bench(
         done, written_s = len(there), time.monotonic()
         on_run(done, len(jobs), "")
         for now in _stages(missing):
-            for job, error in run_jobs(now, out / "runs", executor, min(num_workers, len(now)), function, modules):
+            workers = min(num_workers, len(now))
+            for job, error in run_jobs(now, out / "runs", executor, workers, function, modules, egl_devices):
                 done += error is None
                 if error is not None:
                     failures.append(error)

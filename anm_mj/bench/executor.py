@@ -6,6 +6,7 @@ Every run gets a process of its own. A process that dies costs its run and nothi
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import json
 import logging
 import os
@@ -36,7 +37,9 @@ UNFINISHED = re.compile(r"\..+_[0-9a-f]{8}-[0-9a-f]{8}")
 """Names of the folders in which runs are made."""
 
 
-def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[str]) -> str | None:
+def execute(
+    job: Job, runs: str, function: str, threads: int, modules: Sequence[str], egl_device: int | None
+) -> str | None:
     """Make one run in a process of its own; returns its error in one sentence, or None.
 
     The run folder gets its name once it is complete, so an aborted run never looks done.
@@ -47,12 +50,16 @@ def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[
         function: Function that makes the run, as ``module:function``; called with the job and an empty folder.
         threads: Threads for numerical libraries.
         modules: Folders to import modules from, besides the usual ones: those of the user's policies.
+        egl_device: Number of the EGL device that draws; None = as the environment says.
     """
     attempt = Path(runs) / f".{job.name}-{uuid.uuid4().hex[:8]}"
     attempt.mkdir(parents=True)
     log = attempt / LOG
     path = os.pathsep.join([*modules, *filter(None, [os.environ.get("PYTHONPATH")])])
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "PYTHONPATH": path}
+    if egl_device is not None:
+        # egl alone: another back-end must not take the place of a device that is not there.
+        environment |= {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": str(egl_device)}
     with log.open("wb") as output:
         process = subprocess.Popen(
             [sys.executable, "-m", "anm_mj.bench.worker", function],
@@ -92,9 +99,17 @@ def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[
 
 
 def run_jobs(
-    jobs: list[Job], runs: Path, executor: str, num_workers: int, function: str, modules: Sequence[str] = ()
+    jobs: list[Job],
+    runs: Path,
+    executor: str,
+    num_workers: int,
+    function: str,
+    modules: Sequence[str] = (),
+    egl_devices: Sequence[int] = (),
 ) -> Iterator[tuple[Job, str | None]]:
     """Make all runs, several in parallel; yields each with its error, or None, as it ends.
+
+    The runs take the EGL devices in turn.
 
     Raises:
         BenchError: There is no such executor, or Ray is not installed.
@@ -102,19 +117,23 @@ def run_jobs(
     if not jobs and executor in EXECUTORS:
         return
     threads = max(1, (os.cpu_count() or 1) // num_workers)
+    arguments = str(runs.resolve()), function, threads, tuple(modules)
+    devices = itertools.cycle(egl_devices or (None,))
     if executor == "local":
-        yield from _local(jobs, num_workers, lambda job: execute(job, str(runs), function, threads, modules))
+        yield from _local(jobs, num_workers, lambda job, device: execute(job, *arguments, device), devices)
     elif executor == "ray":
-        yield from _ray(jobs, num_workers, (str(runs.resolve()), function, threads, tuple(modules)))
+        yield from _ray(jobs, num_workers, arguments, devices)
     else:
         raise BenchError(f"There is no executor '{executor}'; choose one of {', '.join(EXECUTORS)}.")
 
 
-def _local(jobs: list[Job], num_workers: int, one: Callable[[Job], str | None]) -> Iterator[tuple[Job, str | None]]:
+def _local(
+    jobs: list[Job], num_workers: int, one: Callable[[Job, int | None], str | None], devices: Iterator[int | None]
+) -> Iterator[tuple[Job, str | None]]:
     # The threads only wait for their processes.
     pool = ThreadPoolExecutor(num_workers)
     try:
-        futures = {pool.submit(one, job): job for job in jobs}
+        futures = {pool.submit(one, job, next(devices)): job for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
@@ -122,7 +141,7 @@ def _local(jobs: list[Job], num_workers: int, one: Callable[[Job], str | None]) 
 
 
 def _ray(
-    jobs: list[Job], num_workers: int, arguments: tuple[str, str, int, tuple[str, ...]]
+    jobs: list[Job], num_workers: int, arguments: tuple[str, str, int, tuple[str, ...]], devices: Iterator[int | None]
 ) -> Iterator[tuple[Job, str | None]]:
     if importlib.util.find_spec("ray") is None:
         raise BenchError("--executor ray needs the package ray; install it with pip install 'anm-mj[ray]'.")
@@ -139,7 +158,7 @@ def _ray(
         _started(lambda: ray.init(address=known or "local", log_to_driver=False, logging_level=logging.ERROR, **local))
     try:
         remote = ray.remote(num_cpus=1, max_retries=0)(execute)
-        pending = {remote.remote(job, *arguments): job for job in jobs}
+        pending = {remote.remote(job, *arguments, next(devices)): job for job in jobs}
         while pending:
             (done,), _ = ray.wait(list(pending), num_returns=1)
             job = pending.pop(done)

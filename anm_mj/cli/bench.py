@@ -23,6 +23,7 @@ def bench(
     out: NewFolder | None = None,
     workers: Count = 1,
     executor: str = "local",
+    egl_device: Annotated[Sequence[int], Option("N")] = (),
 ) -> Report:
     """Compare policies over scenes, starts and seeds, and write tables.
 
@@ -35,6 +36,7 @@ def bench(
         out: folder; by default bench/<name of FILE or suite>
         workers: runs in parallel
         executor: local (processes) or ray (a cluster)
+        egl_device: EGL device that draws, by its number in anm-mj doctor; of several, the runs take each in turn
     """
     if (file is None) == (suite is None):
         raise ConfigError("anm-mj bench takes a FILE or a --suite; give one of the two.")
@@ -63,6 +65,7 @@ def bench(
             executor=executor,
             policies=policy,
             one_revision=suite is not None,
+            egl_devices=egl_device,
             command=["anm-mj", *sys.argv[1:]],
             on_run=show,
         )

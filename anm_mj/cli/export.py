@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +19,15 @@ def _formats() -> Iterator[str]:
     yield "all"
 
 
+def _start(text: str) -> float:
+    from anm_mj.export.wall_clock import parse_start
+
+    try:
+        return parse_start(text)
+    except ValueError:
+        raise ArgumentTypeError(f"{text!r} is no time; give 2026-05-01T09:30, or seconds since 1970") from None
+
+
 def export(
     run: Path,
     *,
@@ -27,6 +37,7 @@ def export(
     fps: float = 15.0,
     every: Count = 1,
     scene: str | None = None,
+    start: Annotated[float | None, Option("TIME", _start)] = None,
 ) -> int:
     """Write a finished run as a film, or for other tools.
 
@@ -38,6 +49,8 @@ def export(
         fps: steps per second of the film
         every: show every Nth step only
         scene: name or folder of the run's scene, if it kept no images and has moved
+        start: when the run began, for mcap and rosbag: 2026-05-01T09:30 (UTC), seconds since 1970, or 0 to count from
+            its start; by default when it was made
     """
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
@@ -49,7 +62,7 @@ def export(
         from anm_mj.export.formats import export_run
 
         with progress_bar(console, "export") as on_progress:
-            written = export_run(run, formats, out, lambda name, done, total: on_progress(done, total))
+            written = export_run(run, formats, out, lambda name, done, total: on_progress(done, total), start)
         console.say(*map(_written, written))
     if video is not None:
         from anm_mj.replay.film import write_film

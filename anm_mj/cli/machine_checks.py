@@ -67,6 +67,7 @@ def diagnose() -> list[Check]:
     """Run all checks; takes some seconds."""
     with ThreadPoolExecutor() as pool:
         torch = pool.submit(check_torch)
+        devices = pool.submit(egl_devices)
         engine = pool.submit(check_engine)
         backends = [pool.submit(check_backend, name) for name in ("egl", "osmesa")]
         return [
@@ -75,6 +76,7 @@ def diagnose() -> list[Check]:
             *torch.result(),
             engine.result(),
             *_graphics([backend.result() for backend in backends]),
+            *check_egl_devices(*devices.result(), os.environ.get("CUDA_VISIBLE_DEVICES")),
             check_ffmpeg(),
             check_port(),
             check_memory(available_memory_mib()),
@@ -145,6 +147,29 @@ def _graphics(backends: list[Check]) -> list[Check]:
     software = "pipe" in chosen.renderer_string
     kind = "software, fast enough for 256 x 256 pixels" if software else "hardware"
     return [*backends, Check("pictures by", State.GOOD, f"{chosen.name} ({kind})")]
+
+
+def egl_devices() -> tuple[list[int | None], int | None]:
+    """The CUDA device that each EGL device is, None for others, and the number of the one that draws."""
+    done = run_python("from anm_mj.sim.egl_devices import main; main()")
+    devices, drawing = json.loads(done.stdout) if done.returncode == 0 else ([], None)
+    return devices, drawing
+
+
+def check_egl_devices(devices: list[int | None], drawing: int | None, visible: str | None) -> list[Check]:
+    """Which EGL device draws, and whether it is the GPU that CUDA_VISIBLE_DEVICES leaves to this process."""
+    # The choice of a back-end has set it.
+    if drawing is None or os.environ.get("MUJOCO_GL") != "egl":
+        return []
+    names = [f"{k} ({'no CUDA' if cuda is None else f'CUDA {cuda}'})" for k, cuda in enumerate(devices)]
+    found = f"{names[drawing]} draws, " + (f"of {', '.join(names)}" if len(names) > 1 else "the only one")
+    own = (visible or "").partition(",")[0].strip()
+    if not own.isdecimal() or devices[drawing] == int(own) or int(own) not in devices:
+        advice = "MUJOCO_EGL_DEVICE_ID chooses another." if len(devices) > 1 else ""
+        return [Check("EGL device", State.GOOD, found, advice)]
+    number = devices.index(int(own))
+    advice = f"CUDA_VISIBLE_DEVICES={visible} does not choose what draws: MUJOCO_EGL_DEVICE_ID={number} does."
+    return [Check("EGL device", State.NOTE, found, advice)]
 
 
 def check_ffmpeg() -> Check:

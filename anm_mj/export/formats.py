@@ -27,6 +27,8 @@ class Format:
     """Whether the function also takes ``on_progress``."""
     package: str = ""
     """The module that it needs and that is not installed by default."""
+    timed: bool = False
+    """Whether other recordings may be played beside it: its times count from 1970, not from the run's start."""
 
 
 FORMATS = {
@@ -44,8 +46,10 @@ FORMATS = {
     "esdf": Format("volume.export_esdf", "a slice of the Euclidean distance field: esdf.npz", long=True),
     "route": Format("floor_plan.export_route", "the Voronoi graph for nav2's route server: route.geojson"),
     "figures": Format("figures.export_figures", "top-down map and curve as PNG, PDF and SVG"),
-    "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, package="mcap"),
-    "rosbag": Format("rosbag.export_rosbag", "everything over time: a ROS 2 bag", long=True, package="rosbags"),
+    "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, package="mcap", timed=True),
+    "rosbag": Format(
+        "rosbag.export_rosbag", "everything over time: a ROS 2 bag", long=True, package="rosbags", timed=True
+    ),
 }
 ALL = "all"
 _logger = logging.getLogger(__name__)
@@ -56,6 +60,7 @@ def export_run(
     names: Sequence[str],
     out: Path | None = None,
     on_progress: Callable[[str, int, int], None] = lambda name, done, total: None,
+    start_s: float | None = None,
 ) -> list[Path]:
     """Write a run in other formats.
 
@@ -65,6 +70,8 @@ def export_run(
             needs; the others are named in the log.
         out: Folder to write into; None = ``export`` in the run folder.
         on_progress: Called with the format's name and what is done and in all.
+        start_s: When the run began, for what is played over time [s since 1970]; None = as the run says, 0 = times
+            count from the run's start.
 
     Returns:
         The files and folders written.
@@ -77,6 +84,7 @@ def export_run(
         _require_known(name)
     chosen = list(dict.fromkeys(each for name in names for each in (FORMATS if name == ALL else (name,))))
     # Here, not above: the command line asks for the names of the formats alone.
+    from anm_mj.export.wall_clock import on_wall_clock
     from anm_mj.io.read_run import read_run
     from anm_mj.io.run_folder import refuse_links
     from anm_mj.io.write import writing
@@ -100,7 +108,8 @@ def export_run(
         try:
             if entry.package and find_spec(entry.package) is None:
                 raise RunFolderError(install(entry.package))
-            written += getattr(import_module(f"anm_mj.export.{module}"), function)(record, out, **options)
+            run_made = on_wall_clock(record, start_s) if entry.timed else record
+            written += getattr(import_module(f"anm_mj.export.{module}"), function)(run_made, out, **options)
         except (RunFolderError, MapError) as err:
             if name in names:
                 raise

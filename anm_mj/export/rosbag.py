@@ -13,6 +13,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.export.floor_plan import survey_of
 from anm_mj.export.images import image_intrinsics
 from anm_mj.export.surface import surface_points
+from anm_mj.frames import pose_matrix
 from anm_mj.io.read_run import Run
 from anm_mj.io.ros_messages import RosMessages, nanoseconds
 from anm_mj.io.run_records import FrameRecord
@@ -21,7 +22,13 @@ from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline
 from anm_mj.types import Intrinsics
 
-WORLD, BASE, CAMERA = "map", "base_link", "camera_optical_frame"
+MAP, ODOM, BASE, LINK, CAMERA = "map", "odom", "base_link", "camera_link", "camera_optical_frame"
+T_LINK_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""Camera axes (x right, y down) in those of a link (x ahead, y left), as REP 103 has both."""
+_LATCHED = ("/tf_static", "/map", "/surface")
+"""Topics whose last message also goes to who subscribes later."""
+_STILL = 1e-6
+"""A camera whose pose on the base changes by less, in metres and parts of a matrix, is fixed to it."""
 
 
 def export_rosbag(
@@ -29,9 +36,10 @@ def export_rosbag(
 ) -> list[Path]:
     """``rosbag/``: a ROS 2 bag in MCAP.
 
-    ``/tf`` (camera and base in ``map``), ``/odom``, ``/camera/color/image_raw/compressed``,
-    ``/camera/color/camera_info``, ``/camera/depth/image_raw`` (16UC1, millimetres), ``/camera/depth/camera_info``,
-    ``/plan``, and at the end ``/map`` and ``/surface``. Poses are those that the robot believed.
+    ``/tf`` and ``/tf_static`` (``map``, ``odom``, ``base_link``, ``camera_link``, ``camera_optical_frame``), ``/odom``,
+    ``/camera/color/image_raw/compressed``, ``/camera/color/camera_info``, ``/camera/depth/image_raw`` (16UC1,
+    millimetres), ``/camera/depth/camera_info``, ``/plan``, and at the end ``/map`` and ``/surface``. Poses are those
+    that the robot believed, so ``odom`` lies where ``map`` does. ``/tf_static``, ``/map`` and ``/surface`` are latched.
 
     Raises:
         RunFolderError: The package rosbags is missing, a file of the run is damaged, or the bag cannot be written.
@@ -64,32 +72,60 @@ class _BagMessages(RosMessages):
 
     def write(self, topic: str, time_s: float, message: Any) -> None:
         if topic not in self._connections:
-            self._connections[topic] = self._bag.add_connection(topic, message.__msgtype__, typestore=self.store)
+            self._connections[topic] = self._bag.add_connection(
+                topic,
+                message.__msgtype__,
+                typestore=self.store,
+                offered_qos_profiles=[_latched()] if topic in _LATCHED else (),
+            )
         self._bag.write(self._connections[topic], nanoseconds(time_s), self.to_cdr(message))
+
+
+def _latched() -> Any:
+    """Reliable and transient local, one message deep."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    for_ever = QosTime(9223372036, 854775807)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        for_ever,
+        for_ever,
+        QosLiveliness.AUTOMATIC,
+        for_ever,
+        avoid_ros_namespace_conventions=False,
+    )
 
 
 def _write_run(run: Run, to: _BagMessages, on_progress: Callable[[int, int], None]) -> None:
     timeline = Timeline(run)
     colour = image_intrinsics(run) if kept_images(run) else None
+    mounts = [np.linalg.inv(pose_matrix(each.pose)) @ each.T_world_camera @ T_LINK_CAMERA.T for each in run.frames]
+    is_fixed = all(np.abs(T - mounts[0]).max() < _STILL for T in mounts)
+    begin = run.frames[0].time_s
+    static = [(BASE, LINK, mounts[0])] if is_fixed else []
+    to.write("/tf_static", begin, to.transforms(begin, [*static, (LINK, CAMERA, T_LINK_CAMERA)]))
     for index, frame in enumerate(run.frames):
         now = frame.time_s
-        camera = (WORLD, CAMERA, frame.T_world_camera)
-        to.write("/tf", now, to.transforms(now, [to.base_link(WORLD, BASE, frame.pose), camera]))
-        to.write("/odom", now, to.odometry(now, WORLD, BASE, frame.pose))
+        links = [(MAP, ODOM, np.eye(4)), to.base_link(ODOM, BASE, frame.pose)]
+        to.write("/tf", now, to.transforms(now, links if is_fixed else [*links, (BASE, LINK, mounts[index])]))
+        to.write("/odom", now, to.odometry(now, ODOM, BASE, frame.pose))
         _write_depth(run, frame, to)
         if colour is not None:
             _write_colour(run, frame, colour, to)
         decided = int(timeline.plan_of_frame[index])
         if decided >= 0 and run.plans[decided]["step"] == frame.step:
-            to.write("/plan", now, to.path(now, WORLD, timeline.plan(decided).path_xy_m))
+            to.write("/plan", now, to.path(now, MAP, timeline.plan(decided).path_xy_m))
         on_progress(index + 1, timeline.num_frames)
     last = run.frames[-1].time_s
     if run.folder.survey.is_file():
         topdown = survey_of(run).topdown
         assert topdown is not None
-        to.write("/map", last, to.occupancy(last, WORLD, topdown))
+        to.write("/map", last, to.occupancy(last, MAP, topdown))
     if run.folder.mesh.is_file():
-        to.write("/surface", last, to.cloud(last, WORLD, *surface_points(run)))
+        to.write("/surface", last, to.cloud(last, MAP, *surface_points(run)))
 
 
 def _write_depth(run: Run, frame: FrameRecord, to: _BagMessages) -> None:

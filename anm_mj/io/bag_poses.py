@@ -63,7 +63,8 @@ class Track:
             return tum_matrix(first[:3], first[3:])
         time_s = float(np.clip(time_s, times[0], times[-1])) if self.gap_s == math.inf else time_s
         after = int(np.searchsorted(times, time_s))
-        low, high = max(after - 1, 0), min(after, len(times) - 1)
+        high = min(after, len(times) - 1)
+        low = high if times[high] == time_s else max(after - 1, 0)
         if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > self.gap_s:
             return None
         before, behind = self.poses[order[low]], self.poses[order[high]]

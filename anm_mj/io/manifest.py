@@ -7,6 +7,7 @@ import platform
 import re
 import subprocess
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,8 @@ class RunFacts:
     """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
     sensor: str
     """Name of the sensor whose errors were simulated."""
+    people: int = 0
+    """Number of people in the scene."""
     continued_from: dict[str, Any] | None = None
     """The run that this one goes on from: its folder (``run``), the ``scene_hash`` of its scene, and the number of
     ``frames`` of it and of those that it went on from. None for a run that began with nothing."""
@@ -69,6 +72,7 @@ def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
     """
     return {
         **to_json(facts),
+        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "command": command,
         "packages": {name: _version(name) for name in PACKAGES},
         # A wheel may be installed within the repository of another project.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated, Any
 
 from msgspec import Meta, Struct
@@ -38,6 +39,8 @@ class FrameShape(PoseShape):
     time_s: Number
     true: PoseShape | None = None
     """Only where it differs from the believed one."""
+    people: list[tuple[Length, Length, Number, Number, Number]] = []
+    """Of each person: place, yaw [rad], phase of the gait [rad], swing of the limbs."""
     localisation: LocalisationShape | None = None
     """Only where the pose was estimated."""
 
@@ -98,6 +101,7 @@ class ManifestShape(Struct):
     robot: str = ""
     robot_hash: str = ""
     policy: str = ""
+    started: Annotated[datetime, Meta(tz=True)] | None = None
     continued_from: dict[str, Any] | None = None
     git: dict[str, Any] | None = None
 

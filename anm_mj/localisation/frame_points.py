@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
+from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.protocols import FindsMoved
 from anm_mj.types import Intrinsics, Observation
 
 _EDGE_PX = 2
@@ -57,6 +60,27 @@ def grid_points(observation: Observation, count: int) -> Float32[np.ndarray, "n 
     # Comparisons with NaN are false.
     known = (depth > 0.0) & (depth < np.inf)
     return _in_camera(x[known], y[known], depth[known])
+
+
+def without_moved(
+    observation: Observation,
+    mapper: FindsMoved,
+    T_world_camera: Float[np.ndarray, "4 4"],
+    basis: Float[np.ndarray, "6 n"],
+    covariance: Float[np.ndarray, "n n"],
+) -> Observation:
+    """The frame without the pixels that moved, as far as a map tells from where the camera may be.
+
+    Args:
+        observation: The frame.
+        mapper: The map.
+        T_world_camera: Where the camera is expected.
+        basis: What displacements the camera may make, see :class:`anm_mj.localisation.registration.Prior`.
+        covariance: Of those.
+    """
+    position_m, rotation_rad = largest_deviations(basis @ covariance @ basis.T)
+    believed = replace(observation, T_world_camera=T_world_camera, position_deviation_m=position_m)
+    return mapper.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
 
 
 def with_trust(points: FramePoints, trusted: Bool[np.ndarray, " n"]) -> FramePoints:

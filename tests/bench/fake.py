@@ -30,6 +30,12 @@ def quick(job: Job, folder: Path) -> None:
     write_run(job, folder)
 
 
+def drawing(job: Job, folder: Path) -> None:
+    """Says which device would draw."""
+    folder.mkdir()
+    (folder / "drawn").write_text(f"{os.environ['MUJOCO_GL']} {os.environ['MUJOCO_EGL_DEVICE_ID']}")
+
+
 def slow(job: Job, folder: Path) -> None:
     """Takes half a second, and says that it is at work."""
     folder.mkdir()

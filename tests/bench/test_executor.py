@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from anm_mj.bench.comparison import run_bench
+from anm_mj.bench.executor import run_jobs
+from anm_mj.bench.job import Job
 from tests.bench.fake import table
 from tests.scene.small import make_small_scene
 
@@ -27,10 +29,20 @@ def test_a_dead_worker_costs_only_its_run(file, tmp_path):
     assert len(table(tmp_path / "out")) == 8
 
 
+def test_runs_take_egl_devices_in_turn(tmp_path):
+    jobs = [Job("room", "room", "0" * 64, "gvg", 0, (0.0, 0.0, 0.0), seed, 1) for seed in range(3)]
+    made = run_jobs(jobs, tmp_path, "local", 2, "tests.bench.fake:drawing", egl_devices=[2, 5])
+    assert [error for _, error in made] == [None] * 3
+    drawn = [(tmp_path / job.name / "drawn").read_text() for job in jobs]
+    assert drawn == ["egl 2", "egl 5", "egl 2"]
+
+
 PROGRAM = """
 from pathlib import Path
 import sys
 from anm_mj.bench.comparison import run_bench
+from anm_mj.bench.executor import run_jobs
+from anm_mj.bench.job import Job
 run_bench(Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, function="tests.bench.fake:slow")
 """
 
@@ -82,6 +94,8 @@ RAY_PROGRAM = """
 import sys
 from pathlib import Path
 from anm_mj.bench.comparison import run_bench
+from anm_mj.bench.executor import run_jobs
+from anm_mj.bench.job import Job
 for function in ("deadly", "quick"):
     bench = run_bench(
         Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, executor="ray", function=f"tests.bench.fake:{function}"
@@ -112,6 +126,8 @@ import sys
 from pathlib import Path
 from ray.cluster_utils import Cluster
 from anm_mj.bench.comparison import run_bench
+from anm_mj.bench.executor import run_jobs
+from anm_mj.bench.job import Job
 
 # Workers look up modules by the folder that they start in.
 cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})

@@ -64,3 +64,28 @@ def test_exit_status_of_a_fault(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(machine_checks, "diagnose", lambda: [Check("Python", State.BAD, "3.9")])
 
     assert doctor().status == 1
+
+
+@pytest.mark.parametrize(
+    ("devices", "drawing", "visible", "state", "words"),
+    [
+        ([None], 0, None, State.GOOD, "0 (no CUDA) draws, the only one"),
+        ([1, 0, None], 0, None, State.GOOD, "0 (CUDA 1) draws, of 0 (CUDA 1), 1 (CUDA 0), 2 (no CUDA)"),
+        ([1, 0, None], 0, "1,0", State.GOOD, "MUJOCO_EGL_DEVICE_ID chooses another"),
+        ([1, 0, None], 0, "0", State.NOTE, "MUJOCO_EGL_DEVICE_ID=1 does"),
+        ([1, 0, None], 0, "GPU-5e4f", State.GOOD, "0 (CUDA 1) draws"),
+        ([1, 0], 0, "7", State.GOOD, "0 (CUDA 1) draws"),
+    ],
+)
+def test_the_egl_device_beside_cuda_visible_devices(monkeypatch, devices, drawing, visible, state, words):
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    (check,) = machine_checks.check_egl_devices(devices, drawing, visible)
+    assert check.state is state
+    assert words in f"{check.found} {check.advice}"
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    assert machine_checks.check_egl_devices(devices, drawing, visible) == []
+
+
+def test_egl_devices_of_this_machine():
+    devices, drawing = machine_checks.egl_devices()
+    assert drawing is None or drawing in range(len(devices))

@@ -1,6 +1,8 @@
 """Exploration behind the Gymnasium interface, alone and many at once."""
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -128,6 +130,17 @@ print(env.observation_space["rgb"].shape, env.action_space.n, *({{"mujoco", "tor
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=_ROOT)
     assert done.stdout.strip() == "(128, 128, 3) 4"
+
+
+@pytest.mark.parametrize("copy_of", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_are_made_before_the_simulator(env, copy_of):
+    fresh = copy_of(ExploreEnv("home", image_px=32))
+    wanted = env.reset(seed=5)[1]["pose"]
+    np.testing.assert_array_equal(fresh.reset(seed=5)[1]["pose"], wanted)
+    with pytest.raises(TaskError, match="after its first reset"):
+        copy_of(fresh)
+    fresh.close()
+    copy_of(fresh)
 
 
 @pytest.mark.parametrize(("mode", "vector_kwargs"), [("sync", {}), ("async", {"context": "spawn"})])

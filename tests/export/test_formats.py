@@ -1,6 +1,7 @@
 """Every format is read back by another reader than ours, and compared with the run."""
 
 import base64
+import dataclasses
 import json
 import shutil
 from xml.etree import ElementTree
@@ -13,19 +14,26 @@ import yaml
 from mcap.reader import make_reader
 from PIL import Image
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
 from anm_mj.export import formats
 from anm_mj.export.formats import FORMATS, export_run
-from anm_mj.frames import pixel_directions, transform_points
+from anm_mj.export.rosbag import export_rosbag
+from anm_mj.export.wall_clock import began_s, on_wall_clock
+from anm_mj.frames import pixel_directions, pose_matrix, transform_points
+from anm_mj.io.bag_poses import FrameTree
 from anm_mj.io.read_run import read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.mapping.neural_map import NeuralMap
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room_plan
 from tests.replay.conftest import box_run
+
+STARTED_S = 1777627800.0
+"""What the manifest of the box's run says [s since 1970]."""
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +235,7 @@ def test_mcap(run, out):
     poses = messages["/robot/pose"]
     assert len(poses) == len(messages["/camera/image"]) == len(messages["/camera/depth"]) == len(run.frames)
     for (_, at, pose), frame in zip(poses, run.frames, strict=True):
-        assert at == round(frame.time_s * 1e9)
+        assert at == pytest.approx((STARTED_S + frame.time_s) * 1e9, abs=1e3)
         assert [pose["pose"]["position"][key] for key in "xy"] == pytest.approx(frame.pose.xy_m)
     name, _, depth = messages["/camera/depth"][3]
     assert name == "foxglove.RawImage"
@@ -240,25 +248,24 @@ def test_mcap(run, out):
 
 
 def test_rosbag(run, out):
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    told = {}
-    with AnyReader([out / "rosbag"], default_typestore=store) as reader:
-        for connection, _, raw in reader.messages():
-            told.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    told, qos = _read_bag(out / "rosbag")
     assert len(told["/tf"]) == len(told["/odom"]) == len(told["/camera/depth/image_raw"]) == len(run.frames)
-    for odometry, transforms, depth, frame in zip(
-        told["/odom"], told["/tf"], told["/camera/depth/image_raw"], run.frames, strict=True
-    ):
+    tree = _tree(told)
+    assert tree.chain("camera_optical_frame") == ["camera_optical_frame", "camera_link", "base_link", "odom", "map"]
+    for odometry, depth, frame in zip(told["/odom"], told["/camera/depth/image_raw"], run.frames, strict=True):
         at = odometry.header.stamp
-        assert at.sec + at.nanosec * 1e-9 == pytest.approx(frame.time_s, abs=1e-8)
+        now_s = at.sec + at.nanosec * 1e-9
+        assert now_s == pytest.approx(STARTED_S + frame.time_s, abs=1e-6)
+        assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
         place, q = odometry.pose.pose.position, odometry.pose.pose.orientation
         np.testing.assert_allclose([place.x, place.y], frame.pose.xy_m, atol=1e-9)
         assert 2.0 * np.arctan2(q.z, q.w) == pytest.approx(frame.pose.yaw_rad, abs=1e-9)
-        camera = next(one.transform for one in transforms.transforms if one.child_frame_id == "camera_optical_frame")
-        q = camera.rotation
-        turned = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
-        np.testing.assert_allclose(turned, frame.T_world_camera[:3, :3], atol=1e-9)
+        np.testing.assert_allclose(tree.pose("base_link", "map", now_s), pose_matrix(frame.pose), atol=1e-5)
+        np.testing.assert_allclose(tree.pose("camera_optical_frame", "map", now_s), frame.T_world_camera, atol=1e-5)
         np.testing.assert_array_equal(depth.data.view("<u2").reshape(depth.height, -1), run.depth_mm(frame))
+    ahead = tree.pose("camera_link", "map", now_s)
+    assert ahead is not None
+    np.testing.assert_allclose(ahead[:3, 0], run.frames[-1].T_world_camera[:3, 2], atol=1e-5)
     info = told["/map"][0].info
     topdown = room_plan().topdown
     assert topdown is not None
@@ -268,6 +275,61 @@ def test_rosbag(run, out):
     cloud = told["/surface"][0]
     points = cloud.data.reshape(-1, cloud.point_step)[:, :12].copy().view("<f4")
     assert to_wall_m(points).max() < 1e-5
+    assert {name for name, each in qos.items() if each} == {"/tf_static", "/map", "/surface"}
+    for name in ("/tf_static", "/map", "/surface"):
+        (offered,) = qos[name]
+        assert offered.durability is QosDurability.TRANSIENT_LOCAL
+        assert offered.reliability is QosReliability.RELIABLE
+
+
+def _read_bag(path):
+    """Messages, and the QoS offered, of each topic of a bag."""
+    told, qos = {}, {}
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        for connection, _, raw in reader.messages():
+            told.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+            qos[connection.topic] = connection.ext.offered_qos_profiles
+    return told, qos
+
+
+def _tree(told):
+    """The tree of frames that a listener builds."""
+    tree = FrameTree()
+    for topic in ("/tf", "/tf_static"):
+        for link in (link for message in told[topic] for link in message.transforms):
+            at, (t, q) = link.header.stamp, (link.transform.translation, link.transform.rotation)
+            pose = np.array([t.x, t.y, t.z, q.x, q.y, q.z, q.w])
+            parent, child = link.header.frame_id, link.child_frame_id
+            tree.add(parent, child, at.sec + at.nanosec * 1e-9, pose, static=topic == "/tf_static")
+    return tree
+
+
+def test_a_camera_that_moves_on_its_robot_is_no_static_frame(run, tmp_path):
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_euler("y", 0.2).as_matrix()
+    frames = [run.frames[0], dataclasses.replace(run.frames[1], T_world_camera=run.frames[1].T_world_camera @ turned)]
+    export_rosbag(dataclasses.replace(run, frames=tuple(frames)), tmp_path)
+    tree = _tree(_read_bag(tmp_path / "rosbag")[0])
+    assert [tree.track[name].static for name in ("camera_optical_frame", "camera_link")] == [True, False]
+    for frame in frames:
+        found = tree.pose("camera_optical_frame", "map", frame.time_s)
+        np.testing.assert_allclose(found, frame.T_world_camera, atol=1e-9)
+
+
+def test_times_of_a_recording(run, run_folder, tmp_path, capsys):
+    assert began_s(run) == STARTED_S
+    assert began_s(dataclasses.replace(run, manifest={})) == run.folder.camera.stat().st_mtime
+    live = dataclasses.replace(run, frames=on_wall_clock(run, None).frames)
+    assert on_wall_clock(live, None).frames[-1].time_s == live.frames[-1].time_s
+    words = ["export", str(run_folder), "--format", "mcap", "--out", str(tmp_path), "--start"]
+    for given, begin_s in (("2030-01-01T01:00+01:00", 1893456000), ("2030-01-01", 1893456000), ("0", 0)):
+        assert main([*words, given]) == 0
+        with (tmp_path / "run.mcap").open("rb") as stream:
+            first = next(make_reader(stream).iter_messages())[2]
+        assert first.log_time == begin_s * 10**9 + round(run.frames[0].time_s * 1e9)
+    for given, why in (("noon", "is no time"), ("2040-01-01", "from 1970 to 2037"), ("-5", "from 1970 to 2037")):
+        assert main([*words, given]) == 2
+        assert why in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_bag_of_ours_is_a_sequence_again(run, out):

@@ -62,7 +62,7 @@ def content(path):
     if path.name == "metrics.json":
         return {key: value for key, value in json.loads(path.read_text()).items() if key not in TIMES}
     if path.name == "manifest.json":
-        return {key: value for key, value in json.loads(path.read_text()).items() if key != "command"}
+        return {key: value for key, value in json.loads(path.read_text()).items() if key not in ("command", "started")}
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

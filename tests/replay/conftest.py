@@ -17,7 +17,9 @@ def box_run(folder: Path, num_steps: int = 40, recorder: RunRecorder | None = No
     plan = room_plan()
     write_plan(RunFolder(folder).survey, PlanRecord(plan.path_xy_m[:0], plan.topdown, plan.graph, plan.regions))
     write_mesh(RunFolder(folder).mesh, FakeMap().mesh(0.05))
-    (folder / "manifest.json").write_text('{"scene": "box", "policy": "gvg", "seed": 4}')
+    (folder / "manifest.json").write_text(
+        '{"scene": "box", "policy": "gvg", "seed": 4, "started": "2026-05-01T09:30:00Z"}'
+    )
     return folder
 
 
