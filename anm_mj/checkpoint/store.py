@@ -188,7 +188,7 @@ class Checkpointer:
             self._store.remove()
 
     def _is_affordable(self, loop_s: float) -> bool:
-        """Whether one more, at twice the last one's price as the map grows, stays within the share of the loop's time."""
+        """Whether one more, at twice the last one's price as the map grows, stays within its share of the time."""
         next_s = 2.0 * (self.spent_s - self._spent_before_s)
         if self.last_step is None or self._config.loop_share == 1.0:
             return True
