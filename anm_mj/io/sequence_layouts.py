@@ -146,13 +146,14 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     check_sequence(sequence)
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
-    sequence = replace(sequence, frames=sequence.frames[:: options.every])
     usual = LAYOUTS[found].up if found in LAYOUTS else "z"
     up = options.up or (usual if sequence.has_poses else "-y")
     if sequence.has_poses and up == usual != "z":
         _logger.info("%s: %s points up, as the layout %s has it (--up).", path, up, found)
     if options.judge is not None:
         sequence, up = options.judge(sequence, up)
+    # Offsets in time are told by poses that follow one another closely.
+    sequence = replace(sequence, frames=sequence.frames[:: options.every])
     turn = UP[up] if sequence.has_poses or options.up is not None else levelled(sequence, UP[up])
     sequence = sequence.moved(rigid_transform(turn.ravel(), np.zeros(3)))
     floor_m = options.floor_m
