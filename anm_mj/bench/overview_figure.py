@@ -63,7 +63,9 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100))
     fit_ratio(left)
     left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}{left_out}\n{plain(band)}", fontsize=9)
-    right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]", ylim=(0, 102))
+    right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]")
+    fit_ratio(right)
+    right.set_ylim(top=1.02 * right.get_ylim()[1])
     right.set(xlim=(1.0, LARGEST_FACTOR))
     right.set_title(f"performance profile: runs that reach {LEVEL:.0f} % within so many times the fewest", fontsize=9)
     if not np.isfinite(list(fewest.values())).any():
