@@ -32,7 +32,7 @@ test-pythons: ## Test with every Python that is supported, each in a clone of it
 test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
 	@$(python) -m pytest -m slow -k real_runs_resume tests/bench
 
-test-ros: setup ## Test the robot over ROS 2, in real time; a minute.
+test-ros: setup ## Test the robot over ROS 2, in real time, against a peer in Rust (cargo); minutes.
 	@$(python) -m pytest tests/ros
 
 test-browser: setup ## Test the pages in Chromium; screenshots in build/screenshots.

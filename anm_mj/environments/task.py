@@ -20,7 +20,8 @@ from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
-from anm_mj.scene.folder import Scene, default_steps
+from anm_mj.scene.budget import default_steps
+from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
 from anm_mj.scene.starts import sample_start
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
@@ -79,8 +80,7 @@ class ExploreTask(control.Task):
     @property
     def num_steps(self) -> int:
         """Steps until truncation, in the scene of the present episode."""
-        usual = self._scene.budget_steps or default_steps(self._scene.rooms)
-        return self._config.num_steps or min(usual, self._config.max_steps)
+        return self._config.num_steps or min(default_steps(self._scene), self._config.max_steps)
 
     @property
     def coverage(self) -> float:

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.generated_scene import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
+from anm_mj.bench.generated_scene import GeneratedScene, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.suite import suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.errors import SceneError
+from anm_mj.scene.budget import BASE_STEPS, STEPS_PER_M2, default_steps
 from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -101,7 +102,7 @@ def test_a_published_scene_comes_out_again(cache, tmp_path):
     entry = f'[[generated]]\nname = "smoke_1"\nrooms = {wanted.rooms}\nseed = {wanted.seed}\n'
     file.write_text('scenes = ["smoke_1"]\npolicies = ["random"]\nbudget = "area"\n' + entry)
     (job,) = read_jobs(file)
-    assert job.steps == area_budget(scene) >= BASE_STEPS + STEPS_PER_M2
+    assert job.steps == default_steps(scene, "area") >= BASE_STEPS + STEPS_PER_M2
     assert job.scene_hash == scene.hash == wanted.hash
 
 
@@ -129,7 +130,7 @@ def test_a_wrong_entry_is_named(text, says, tmp_path):
 
 def test_a_wrong_budget_is_named(tmp_path):
     (tmp_path / "own.toml").write_text('scenes = ["home"]\npolicies = ["random"]\nbudget = "money"\n')
-    with pytest.raises(BenchError, match="rooms, area or both"):
+    with pytest.raises(BenchError, match="scene, area, rooms or both"):
         read_jobs(tmp_path / "own.toml")
 
 
