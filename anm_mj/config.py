@@ -55,6 +55,7 @@ OPTIONS = {
 """How the fields of ``RunConfig`` are given that have an option of their own; the scene is the first argument."""
 _MOVED = {"planning.geometry": "mapping.geometry"}
 """Settings that stand in another group than they did."""
+_PEOPLE, _MOVING = ("people", "number"), ("mapping", "moving", "detect")
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 
 
@@ -162,6 +163,9 @@ def make_config(
     for given, other in ((_CAMERA, _CAMERA_POSE), (_CAMERA_POSE, _CAMERA)):
         if values.get(given):
             values.setdefault(other, "")
+    # Among people, the map tells apart what moves.
+    if values.get(_PEOPLE):
+        values.setdefault(_MOVING, True)
     return _with(config, values)
 
 

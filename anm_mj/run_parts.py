@@ -122,7 +122,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
             facts = replace(facts, continued_from=prior.provenance)
         localiser = make_localiser(config, mapper)
         policy = wrapped_policy(explorer, config, robot.footprint)
-        true_view = None if config.pose == "true" and not config.sensor.misses else robot.true_view
+        exact = config.pose == "true" and not config.sensor.misses and not config.people.number
+        true_view = None if exact else robot.true_view
         yield Parts(config, scene.name, robot, mapper, localiser, explorer, policy, facts, truth, true_view)
 
 
@@ -227,4 +228,5 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         backend.renderer_string,
         robot.camera_kind,
         config.sensor.name,
+        config.people.number,
     )

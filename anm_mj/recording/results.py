@@ -154,6 +154,7 @@ def write_results(
         peak_rss_mib=peak_rss_mib(),
         return_steps=back and back.steps,
         return_distance_m=back and back.distance_m,
+        **recorder.people.metrics(),
     )
     recorder.close_logs()
     # What cannot be recomputed comes first, then what takes long: a run killed in between loses nothing.
