@@ -150,7 +150,7 @@ class FieldLocaliser:
         found = register(points, prior, align, known, settings, extra)
         if self._may_be_wrong(prior, found):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
-        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
+        fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         misfit |= self._is_jump(prior, found)
@@ -304,7 +304,7 @@ class FieldLocaliser:
         return found.prior_cost > self.config.registration.most_prior * len(prior.covariance)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-        return float(np.mean(agreement(points, T_world_camera, self._map.occupancy.by_depth).contradicted))
+        return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)

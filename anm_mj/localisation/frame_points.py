@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.protocols import FindsMoved
-from anm_mj.types import Observation
+from anm_mj.types import Intrinsics, Observation
 
 _EDGE_PX = 2
 """Depth is compared with that of pixels so far away on either side."""
@@ -42,16 +43,23 @@ def draw_points(
         limit = np.maximum(_EDGE_SHARE * depth, _EDGE_DEVIATIONS * math.sqrt(6.0) * noise * depth**2)
         kept &= ~_at_edge(observation.depth_m, row, col, depth, limit)
     row, col, depth = row[kept], col[kept], depth[kept]
-    x = (col + np.float32(0.5) - np.float32(k.cx)) / np.float32(k.fx)
-    y = (row + np.float32(0.5) - np.float32(k.cy)) / np.float32(k.fy)
-    camera = np.stack((x * depth, y * depth, depth), axis=1).astype(np.float32)
+    x, y = _slopes(k, row, col)
     deviation = noise * depth**2 * np.sqrt(1.0 + x**2 + y**2)
     return FramePoints(
-        camera,
+        _in_camera(x, y, depth),
         observation.rgb[row, col].astype(np.float32) / np.float32(255.0),
         (deviation**2).astype(np.float32),
         np.ones(len(depth), np.float32),
     )
+
+
+def grid_points(observation: Observation, count: int) -> Float32[np.ndarray, "n 3"]:
+    """The measured ones of about ``count`` pixels on a regular grid over the image, in the camera's axes [m]."""
+    row, col, x, y = _grid(observation.intrinsics, count)
+    depth = observation.depth_m[row, col]
+    # Comparisons with NaN are false.
+    known = (depth > 0.0) & (depth < np.inf)
+    return _in_camera(x[known], y[known], depth[known])
 
 
 def without_moved(
@@ -78,6 +86,32 @@ def without_moved(
 def with_trust(points: FramePoints, trusted: Bool[np.ndarray, " n"]) -> FramePoints:
     """The same points, of which some are left out."""
     return FramePoints(points.camera_m, points.rgb, points.variance_m2, points.trust * trusted.astype(np.float32))
+
+
+@functools.lru_cache(maxsize=2)
+def _grid(
+    k: Intrinsics, count: int
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Rows and columns of a regular grid of about ``count`` pixels, and their slopes."""
+    step = max(1.0, math.sqrt(k.width * k.height / count))
+    rows, cols = (np.arange(step / 2, size, step).astype(np.int64) for size in (k.height, k.width))
+    row, col = np.repeat(rows, len(cols)), np.tile(cols, len(rows))
+    return row, col, *_slopes(k, row, col)
+
+
+def _slopes(
+    k: Intrinsics, row: Int64[np.ndarray, " n"], col: Int64[np.ndarray, " n"]
+) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Of the rays through pixels, x / z and y / z."""
+    x = (col + np.float32(0.5) - np.float32(k.cx)) / np.float32(k.fx)
+    y = (row + np.float32(0.5) - np.float32(k.cy)) / np.float32(k.fy)
+    return x, y
+
+
+def _in_camera(
+    x: Float64[np.ndarray, " n"], y: Float64[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
+) -> Float32[np.ndarray, "n 3"]:
+    return np.stack((x * depth, y * depth, depth), axis=1).astype(np.float32)
 
 
 def _spread(
