@@ -157,7 +157,7 @@ class MapPanel:
         if true_xy_m is not None:
             ((x, y),) = self._px(true_xy_m[-1:]).tolist()
             draw.ellipse([x - 6, y - 6, x + 6, y + 6], None, palette.TRUE, 3)
-        return image.reduce(SUPERSAMPLING)
+        return _with_scale(image.reduce(SUPERSAMPLING), self._metres_per_px * SUPERSAMPLING)
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> None:
         ((x, y),) = self._px(xy_m[None]).tolist()
@@ -220,6 +220,19 @@ class SurfacePanel:
             (x, y), r = line[-1], 13
             draw.ellipse([x - r, y - r, x + r, y + r], palette.CAMERA, "white", 3)
         return image.reduce(SUPERSAMPLING)
+
+
+def _with_scale(panel: Image.Image, metres_per_px: float) -> Image.Image:
+    """A panel with a bar of a round length in its corner, at most a third of its width."""
+    most_m = PANEL_PX * metres_per_px / 3.0
+    length_m = max(step * 10.0**power for power in range(-2, 4) for step in (1, 2, 5) if step * 10.0**power <= most_m)
+    right, low = 16 + length_m / metres_per_px, PANEL_PX - 14
+    draw, words = ImageDraw.Draw(panel), f"{length_m:g} m"
+    wide = max(right, 16 + draw.textlength(words, font(13)))
+    draw.rounded_rectangle([8, PANEL_PX - 42, wide + 8, PANEL_PX - 6], 4, "white")
+    draw.line([(16, low - 5), (16, low), (right, low), (right, low - 5)], "black", 2)
+    draw.text(((16 + right) / 2, low - 6), words, "black", font(13), anchor="mb")
+    return panel
 
 
 def _pixel(
