@@ -60,7 +60,7 @@ def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connec
                 wrong = health.present()
                 raise RobotError(f"The run cannot begin: {missing}{f' ({wrong})' if wrong else ''}.")
             time.sleep(_LOOK_S)
-        for source in (f"the colour on {intake.colour}", f"the depth on {intake.depth}", poses.source):
+        for source in (*intake.sources, poses.source):
             health.expect(source)
         with Commander(node, ros, health, dry=config.dry) as commander:
             robot = LiveRobot(intake, poses, commander, health, config)

@@ -202,9 +202,12 @@ class LiveRobot:
     def _see_way(self, time_s: float, depth_m: Float32[np.ndarray, "h w"], camera: Intrinsics, frame: str) -> None:
         ros = self._config.ros
         T_base_camera: Float[np.ndarray, "4 4"] | None = self._poses.camera(frame, time_s)
-        if T_base_camera is not None:
-            heights = ros.low_m, ros.height_m
-            self._way = time_s, free_way_m(depth_m, camera, T_base_camera, ros.radius_m, heights)
+        if T_base_camera is None:
+            base = self._poses.base_frame
+            self._health.fault(frame, f"the frames on tf do not say where '{frame}' is on '{base}' at this time")
+            return
+        heights = ros.low_m, ros.height_m
+        self._way = time_s, free_way_m(depth_m, camera, T_base_camera, ros.radius_m, heights)
 
 
 def _profile(left: float, acceleration: float, slowest: float, fastest: float) -> float:

@@ -23,8 +23,8 @@ TREE = "tf"
 """Stands for the frames alone where a topic of odometry is named."""
 _MOST = 400
 """Poses of a link that are kept, at the least half of them."""
-_GAP_S = 0.3
-"""Between poses farther apart, nothing is known [s]."""
+_GAP_S, _FRAME_GAP_S = 0.3, 0.2
+"""Between poses of the odometry, or of a frame on tf, that are farther apart, nothing is known [s]."""
 _SAME_TIME_S = 1.0
 """Two programs publish the same link where both did so within this time [s]."""
 
@@ -71,7 +71,7 @@ class Poses:
                     self._tree.track[child] = Track(f"the frame '{child}'", static=True)
                 self._tree.add(parent, child, time_s, values, static=static)
                 _shorten(self._tree.track[child])
-                self._tree.track[child].gap_s = _GAP_S
+                self._tree.track[child].gap_s = _FRAME_GAP_S
                 self._news.notify_all()
             if not static:
                 there = self._publishers.setdefault((parent, child), {})
