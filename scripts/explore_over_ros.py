@@ -13,12 +13,11 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import IO, Annotated, Any
 
 import numpy as np
 import tyro
@@ -73,7 +72,7 @@ def pair(out: Path, scene: str, steps: int, seed: int, *, noisy: bool) -> str:
     if not RunFolder(wire).metrics.is_file():
         explore_over_ros(wire, scene, believed, errors, seed)
     facts = (out / f"{wire.name}.txt").read_text()
-    rate, contacts, left_out = re.search(r"factor ([\d.]+)\), (\d+) contacts, .*, (\d+) left out", facts).groups()
+    ((rate, contacts, left_out),) = re.findall(r"factor ([\d.]+)\), (\d+) contacts, .*, (\d+) left out", facts)
     stops, load = facts.count("The robot stops"), facts.splitlines()[0]
     over, alone = coverage(wire, inside), read_json(RunFolder(inside).metrics)["completion_ratio"]
     kind = "d435i, wheels" if noisy else "none"
@@ -91,7 +90,7 @@ def explore_over_ros(run: Path, scene: str, believed: tuple, errors: tuple, seed
 
     heard: list[tuple[float, ...]] = []
 
-    def hear(message: object, _: int) -> None:
+    def hear(message: Any, _: int) -> None:
         pose = message.pose.pose
         yaw = 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w)
         heard.append((seconds(message.header.stamp), pose.position.x, pose.position.y, yaw))
@@ -106,7 +105,7 @@ def explore_over_ros(run: Path, scene: str, believed: tuple, errors: tuple, seed
         explorer = command("drive", *believed, "--out", run, file=file)
         explorer.wait()
         load = f"{before:.1f} to {os.getloadavg()[0]:.1f}"
-        robot.send_signal(signal.SIGINT)
+        robot.terminate()
         robot.wait()
     log.write_text(f"{load}\n{log.read_text()}")
     np.save(run.parent / f"{run.name}.npy", np.array(heard))
@@ -128,10 +127,10 @@ def coverage(run: Path, inside: Path) -> float:
     return curve.rows[-1].completion_ratio
 
 
-def command(*words: object, file: object = None) -> subprocess.Popen:
+def command(*words: object, file: IO[str] | None = None) -> subprocess.Popen:
     """A command of the program."""
     line = [sys.executable, "-m", "anm_mj.cli", *map(str, words)]
-    return subprocess.Popen(line, stdout=file or subprocess.DEVNULL, stderr=file and subprocess.STDOUT)
+    return subprocess.Popen(line, stdout=file or subprocess.DEVNULL, stderr=subprocess.STDOUT)
 
 
 if __name__ == "__main__":

@@ -4,14 +4,15 @@
     python scripts/ros_faults.py --trials 5 --scene room
 
 ``anm-mj simulate`` and ``anm-mj drive`` run as two processes on this machine alone. All messages between them pass
-through this one, which spoils them once the explorer has begun an action. Prints a Markdown table: from the fault to the
-last velocity that is not zero, at the median and at most, from the fault until the robot stands, and what the explorer says.
-Where nothing but a way out of the program stops it, the robot's own timeout does.
+through this one, which spoils them once the explorer has begun an action. Prints a Markdown table: from the fault to
+the last velocity that is not zero, at the median and at most, from the fault until the robot stands, and what the
+explorer says. An explorer that was killed sends nothing more: there the robot's own timeout counts.
 """
 
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import os
 import re
@@ -282,7 +283,7 @@ def at_rest(speeds: list[tuple[float, tuple[float, float]]], begin: float, ways:
     """When the last motion was that rest followed [s]; infinite without a rest."""
     seen = [(at - begin, max(twist[ways:])) for at, twist in list(speeds) if begin < at < begin + WATCH_S]
     moving = [0.0, *(at for at, speed in seen if speed > 1e-3), math.inf]
-    return next(at for at, after in zip(moving, moving[1:], strict=False) if after - at > REST_S)
+    return next(at for at, after in itertools.pairwise(moving) if after - at > REST_S)
 
 
 def _said(text: str) -> str:
@@ -300,7 +301,7 @@ def command(log: Path, *words: object):
         yield process
     finally:
         if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+            process.terminate()
         process.wait()
 
 
