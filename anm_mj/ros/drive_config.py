@@ -53,7 +53,7 @@ class RosConfig(Settings, group="ros", error=RobotError):
     """Highest turn rate [rad/s]."""
     turn_radps2: float = setting(2.5, at_most=50.0)
     """Highest angular acceleration [rad/s²]."""
-    timeout_s: float = setting(0.25, at_least=0.02, at_most=10.0)
+    timeout_s: float = setting(0.22, at_least=0.02, at_most=10.0)
     """Without a new image or pose for so long, the robot stops [s]."""
     match_s: float = setting(0.03, at_least=0.0, at_most=1.0)
     """Colour and depth belong together where their stamps differ by no more than this [s]."""

@@ -72,7 +72,10 @@ class Publisher:
 
     def publish(self, message: Any) -> None:
         """Send a message to all subscribers; one that has no room for it does not get it."""
-        cdr = self._messages.to_cdr(message)
+        self.publish_cdr(self._messages.to_cdr(message))
+
+    def publish_cdr(self, cdr: bytes) -> None:
+        """Send a message that is serialised already."""
         # DDS counts in words.
         status = ddspy_write(self._writer._ref, cdr.ljust(-(-len(cdr) // 4) * 4, b"\0"))
         if status == DDSException.DDS_RETCODE_TIMEOUT:

@@ -144,8 +144,13 @@ class Poses:
     def _moving(self) -> Track | None:
         if self.source != TREE:
             return self._odometry
-        links = [link for link in self._tree.links(self.base_frame) if not link.static]
-        return links[-1] if links else None
+        if self.base_frame not in self._tree.parents:
+            return None
+        chain = self._tree.chain(self.base_frame)
+        # This program itself says where the frame of the odometry is in the map.
+        below = chain[: chain.index(self.odometry_frame)] if self.odometry_frame in chain else chain[:-1]
+        moving = [link for link in (self._tree.track[frame] for frame in below) if not link.static]
+        return moving[-1] if moving else None
 
     def _in_root(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
         return self._link(self.base_frame, self.odometry_frame, time_s)

@@ -82,8 +82,8 @@ def test_an_observation_has_depth_camera_and_poses_of_its_moment(fake: FakeRosRo
 @pytest.mark.parametrize(
     ("broken", "said"),
     [
-        ("images", "nothing was heard of the (colour|depth) on /camera/(color|depth)/image_raw for 0.25 s"),
-        ("odometry", "nothing was heard of the odometry on /odom for 0.25 s"),
+        ("images", "nothing was heard of the (colour|depth) on /camera/(color|depth)/image_raw for 0.22 s"),
+        ("odometry", "nothing was heard of the odometry on /odom for 0.22 s"),
         ("clock", r"the clock of .* jumped by \+30"),
         ("encoding", "/camera/depth/image_raw: its images are colour, not depth"),
         ("size", "gives 32 x 24 pixels after images of 64 x 48"),
