@@ -119,13 +119,13 @@ def other_camera(topic: str, message: Any) -> Any:
 
 
 def obstacle(topic: str, message: Any) -> Any:
-    """Something appears 5 cm ahead of the robot."""
+    """Something appears right before the robot."""
     if topic != names.DEPTH:
         return message
     depth = message.data.view("<f4").reshape(message.height, message.width).copy()
     rows, cols = depth.shape
     middle = depth[rows // 3 : 2 * rows // 3, cols // 3 : 2 * cols // 3]
-    np.minimum(middle, 0.23, out=middle)
+    np.minimum(middle, 0.15, out=middle)
     message = copy.copy(message)
     message.data = depth.view(np.uint8).ravel()
     return message

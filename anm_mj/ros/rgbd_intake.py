@@ -127,7 +127,6 @@ class RgbdIntake:
         return Rgbd(time_s, rgb, depth_m, frame, camera)
 
     def _require(self, role: str, message: Any) -> None:
-        topic = self.colour if role == "colour" else self.depth
         found = encoding_of(message)
         if found != role:
             raise ValueError(f"its images are {found}, not {role}; name the topic of the {role} by --topic {role}=NAME")
@@ -137,7 +136,7 @@ class RgbdIntake:
         self._shape = self._shape or shape
         if shape != self._shape:
             raise ValueError(
-                f"{topic} gives {message.width} x {message.height} pixels after images of {self._shape[1]} x "
+                f"it gives {message.width} x {message.height} pixels after images of {self._shape[1]} x "
                 f"{self._shape[0]}; colour and depth must keep one size and show the same pixels"
             )
 
