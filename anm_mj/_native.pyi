@@ -131,6 +131,8 @@ class Occupancy:
         limit: int,
         no_depth_is_free: bool,
         frame: int,
+        heavy: NDArray[np.uint8],
+        heavy_miss: int,
     ) -> None: ...
     def mark(
         self, voxels: NDArray[np.int64], depth: _Floats, range_step: float, hit: int, limit: int, frame: int
@@ -157,6 +159,25 @@ class Occupancy:
         offset: _Floats,
         out: NDArray[np.uint16],
     ) -> None: ...
+    def moved(
+        self,
+        depth: _Floats,
+        rays: _Floats,
+        matrix: _Floats,
+        offset: _Floats,
+        edge: float,
+        noise: float,
+        doubt: float,
+        range: float,
+        free: int,
+        known: int,
+        support: int,
+        reach_m: float,
+        focal_px: float,
+        apart_m: float,
+        apart_share: float,
+        out: NDArray[np.uint8],
+    ) -> int: ...
 
 def voxels_to_read(state: NDArray[np.int8], blocks: NDArray[np.int64], out: NDArray[np.int64]) -> int: ...
 def voxels_in_doubt(

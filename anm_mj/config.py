@@ -29,6 +29,7 @@ from anm_mj.utils.settings import of_type
 
 _logger = logging.getLogger(__name__)
 
+BUDGETS = ("scene", "area", "rooms")
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
@@ -39,6 +40,7 @@ OPTIONS = {
     "policy": "--policy NAME",
     "goal": "--goal GOAL",
     "steps": "--steps N",
+    "budget": "--budget RULE",
     "seed": "--seed S",
     "start": "--start X,Y,YAW_DEG",
     "robot": "--robot ROBOT",
@@ -53,6 +55,7 @@ OPTIONS = {
 """How the fields of ``RunConfig`` are given that have an option of their own; the scene is the first argument."""
 _MOVED = {"planning.geometry": "mapping.geometry"}
 """Settings that stand in another group than they did."""
+_PEOPLE, _MOVING = ("people", "number"), ("mapping", "moving", "detect")
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 
 
@@ -66,7 +69,10 @@ class RunConfig(SimulationConfig):
     """What the run is for: ``coverage`` (see all surface, then stop), ``reconstruction`` (know it well), or ``both`` in
     this order."""
     steps: int | None = None
-    """Budget of discrete actions, turns included; None = the scene's own."""
+    """Budget of discrete actions, turns included; None = by ``budget``."""
+    budget: str = "scene"
+    """Rule of the budget: ``scene`` (the scene's own, or else by floor), ``area`` (by floor), or ``rooms`` (the
+    paper's, by the number of rooms)."""
     device: str = "auto"
     """Where the neural map trains: ``cpu``, ``cuda``, or ``auto``."""
     continue_from: str | None = None
@@ -103,6 +109,7 @@ class RunConfig(SimulationConfig):
         if self.policy_settings is None:
             object.__setattr__(self, "policy_settings", default_settings(self.policy))
         require_choice("goal", self.goal, GOALS)
+        require_choice("budget", self.budget, BUDGETS)
         require_choice("device", self.device, DEVICES)
         require_choice("preset", self.preset, PRESETS)
         if self.unknown_start and (self.continue_from is None or self.pose != "slam"):
@@ -156,6 +163,9 @@ def make_config(
     for given, other in ((_CAMERA, _CAMERA_POSE), (_CAMERA_POSE, _CAMERA)):
         if values.get(given):
             values.setdefault(other, "")
+    # Among people, the map tells apart what moves.
+    if values.get(_PEOPLE):
+        values.setdefault(_MOVING, True)
     return _with(config, values)
 
 

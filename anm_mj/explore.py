@@ -14,7 +14,17 @@ from anm_mj.errors import PlanError
 from anm_mj.events import Decided, Ended, Event, Observed, Observer, Stepped
 from anm_mj.localisation.localiser import Localiser
 from anm_mj.localisation.look_around import look_around
-from anm_mj.loop_stages import UNTRAINED, is_blocked, learn, localise, observe, wait_for_sight
+from anm_mj.loop_stages import (
+    UNTRAINED,
+    doubt_stop,
+    find_moved,
+    give_way,
+    is_blocked,
+    learn,
+    localise,
+    observe,
+    wait_for_sight,
+)
 from anm_mj.loop_state import LoopState
 from anm_mj.protocols import Mapper, Policy, Robot
 from anm_mj.types import Action, StopReason
@@ -68,6 +78,7 @@ def explore(
         with state.total.stage("observe"):
             first = state.monitor.check(robot.observe())
         first, estimate = localise(first, localiser, state, state.total)
+        first, estimate = find_moved(first, estimate, mapper)
         update = learn(first, estimate, localiser, mapper, policy, state.total)
         state.map_failed, state.observation = update is None, first
         interrupted = tell(Observed(first, update or UNTRAINED, estimate))
@@ -82,13 +93,15 @@ def explore(
             action = state.follower.next_action(observation.pose)
             decided = action is None or is_blocked(action, plan, robot, mapper, observation)
             if decided:
-                plan = look_around(state.lost_steps) or policy.plan(mapper, observation)
+                plan = look_around(state.lost_steps) or doubt_stop(policy.plan(mapper, observation), mapper, state)
                 state.follower.start(plan)
                 action = state.follower.next_action(observation.pose)
             if action is Action.MOVE_FORWARD and not state.monitor.sees:
                 decided, plan = True, wait_for_sight(state, policy)
                 state.follower.start(plan)
                 action = state.follower.next_action(observation.pose)
+            if action is not None:
+                action = give_way(action, robot, mapper, state)
         assert plan is not None  # The follower has no action without a plan.
         if decided:
             interrupted = tell(Decided(step - 1, plan))
@@ -110,7 +123,7 @@ def explore(
         with watch.stage("observe"):
             seen = observe(robot)
             if seen is not None:
-                free = not result.collided
+                free = not result.collided and action is not Action.WAIT
                 judges = localiser is None
                 seen = state.monitor.check(
                     seen,
@@ -125,6 +138,9 @@ def explore(
             state.step = step
             return end(StopReason.SENSOR_FAULT)
         seen, estimate = localise(seen, localiser, state, watch)
+        with watch.stage("map"):
+            seen, estimate = find_moved(seen, estimate, mapper)
+        state.things.update(seen)
         update = learn(seen, estimate, localiser, mapper, policy, watch)
         state.total.add(watch)
         state.step, state.plan, state.observation, state.map_failed = step, plan, seen, update is None

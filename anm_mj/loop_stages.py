@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,14 +12,17 @@ from anm_mj.errors import MapError
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
-from anm_mj.protocols import Mapper, Policy, Robot
-from anm_mj.types import Action, MapUpdate, Observation, Plan
+from anm_mj.planning.give_way import held_disc, in_the_way
+from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
+from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
 
 PATIENT_TURNS = 3
 """After so many turns in place of a forward move, the policy looks for another way."""
+HURRY = 10
+"""What stands in the way is waited for by this part of the patience: it may stand for long. Two frames tell."""
 UNTRAINED = MapUpdate(math.nan, 0, 0)
 """Of a frame that the map has not learnt from."""
 
@@ -45,6 +49,16 @@ def localise(
         state.follower.drop()
     state.lost_steps = state.lost_steps + 1 if is_lost else 0
     return estimate.observation, estimate
+
+
+def find_moved(
+    observation: Observation, estimate: PoseEstimate | None, mapper: Mapper
+) -> tuple[Observation, PoseEstimate | None]:
+    """The frame, and its estimate, with moved pixels told apart, where the map knows them and the pose is good."""
+    if not isinstance(mapper, FindsMoved) or (estimate is not None and not estimate.usable):
+        return observation, estimate
+    seen = mapper.find_moved(observation)
+    return seen, None if estimate is None else replace(estimate, observation=seen)
 
 
 def integrate(
@@ -92,6 +106,41 @@ def is_blocked(
         return False
     grid = mapper.occupancy_grid(observation.pose.xy_m, lookahead_radius_m(robot.footprint))
     return path_is_blocked(grid, robot.footprint, observation.pose)
+
+
+def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> Action:
+    """The action, or a wait in place of a forward step towards something that moves.
+
+    When patience is at an end, what moves becomes an obstacle of the map for now, and the plan ends. For what stands,
+    a fraction of it will do.
+    """
+    seen = state.observation
+    assert seen is not None
+    if action is not Action.MOVE_FORWARD:
+        return action
+    thing = in_the_way(state.things.things, robot.footprint, seen.pose, seen.time_s)
+    if thing is None:
+        state.waited = 0
+        return action
+    state.waited += 1
+    patience = max(1, state.patience_steps // HURRY) if thing.stands else state.patience_steps
+    if state.waited % patience == 0 and isinstance(mapper, FindsMoved):
+        mapper.hold_moved(np.array([held_disc(thing, robot.footprint, seen.pose, seen.time_s)]))
+        state.follower.drop()
+    return Action.WAIT
+
+
+def doubt_stop(plan: Plan, mapper: Mapper, state: LoopState) -> Plan:
+    """A wait in place of an end of the run that something which moves about may have caused."""
+    if plan.stop not in (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET):
+        state.doubted_stops = 0
+        return plan
+    held = isinstance(mapper, FindsMoved) and mapper.release_moved()
+    if state.doubted_stops >= state.patience_steps or not (held or state.things.things):
+        return plan
+    state.doubted_stops += 1
+    nowhere = np.zeros((0, 2))
+    return Plan(f"something moves about: waits instead of {plan.stop}", nowhere, actions=(Action.WAIT,))
 
 
 def wait_for_sight(state: LoopState, policy: Policy) -> Plan:

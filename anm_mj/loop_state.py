@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from anm_mj.control.path_follower import Follower
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.sensing.moving_things import MovingThings
 from anm_mj.sensing.sensor_monitor import SensorMonitor
 from anm_mj.types import Observation, Plan
 from anm_mj.utils.stopwatch import Stopwatch
@@ -11,8 +13,15 @@ from anm_mj.utils.stopwatch import Stopwatch
 class LoopState:
     """Where a run stands; a checkpoint holds it, and a run goes on from it."""
 
-    def __init__(self) -> None:
-        """Before the first observation."""
+    def __init__(self, patience_steps: int = PlanningConfig.patience_steps) -> None:
+        """Before the first observation; ``patience_steps`` is that of :class:`PlanningConfig`."""
+        self.patience_steps = patience_steps
+        self.things = MovingThings()
+        """What moves about the robot."""
+        self.waited = 0
+        """Steps in a row, for what moves in the way."""
+        self.doubted_stops = 0
+        """Decisions in a row to end the run that were put off, because something moves about."""
         self.step = 0
         """Number of actions so far."""
         self.follower = Follower()

@@ -33,7 +33,7 @@ from anm_mj.io.sequence_poses import camera_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
-from anm_mj.loop_stages import integrate
+from anm_mj.loop_stages import find_moved, integrate
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping_state import MappingState, facts_of, open_logs, stored_mapping
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages
@@ -153,6 +153,8 @@ def map_sequence(
                 with watch.stage("localise"):
                     estimate = tracker.localise(observation)
                 observation = estimate.observation
+            with watch.stage("map"):
+                observation, estimate = find_moved(observation, estimate, neural_map)
             with watch.stage("check"):
                 fits.append(frame_fit(observation, neural_map))
             with watch.stage("map"):

@@ -147,6 +147,26 @@ class EstimatesErrors(Protocol):
 
 
 @runtime_checkable
+class FindsMoved(Protocol):
+    """A mapper that knows which pixels show something that moves."""
+
+    def find_moved(self, observation: Observation) -> Observation:
+        """The frame with the depth of moved pixels apart from the other, as far as the map knows before it."""
+        ...
+
+    def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
+        """Take what the last frame showed to move for an obstacle, and discs, until it is looked through or released.
+
+        A disc stands at x and y and has a radius [m].
+        """
+        ...
+
+    def release_moved(self) -> bool:
+        """Take nothing that moved for an obstacle any more; whether anything was."""
+        ...
+
+
+@runtime_checkable
 class Policy(Protocol):
     """Decides where to go and look next."""
 

@@ -85,8 +85,9 @@ def run_with(
         before = Before(prior.found(config.policy), prior.covered(surface))
     malloc_trim()
     recorder = RunRecorder(folder, surface, parts.true_view, config.record, before=before)
+    state = state or LoopState(config.planning.patience_steps)
     with recorder, saying_how_to_go_on(folder):
-        return folder, run_loop(parts, folder, recorder, state or LoopState(), observers, begin)
+        return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
 @contextmanager

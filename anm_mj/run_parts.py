@@ -29,7 +29,8 @@ from anm_mj.planning.policies.return_to_certainty import ReturnToCertainty
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy, Robot
-from anm_mj.scene.folder import Scene, default_steps, load_scene
+from anm_mj.scene.budget import default_steps
+from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.starts import sample_start
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import Footprint, TrueView
@@ -96,7 +97,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         AnmError: see :func:`run`.
     """
     scene = load_scene(config.scene)
-    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    steps = config.steps or default_steps(scene, config.budget)
     config = replace(config, steps=steps)
     if prior is not None:
         prior.compare_scene(config.scene, scene.hash)
@@ -121,7 +122,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
             facts = replace(facts, continued_from=prior.provenance)
         localiser = make_localiser(config, mapper)
         policy = wrapped_policy(explorer, config, robot.footprint)
-        true_view = None if config.pose == "true" and not config.sensor.misses else robot.true_view
+        exact = config.pose == "true" and not config.sensor.misses and not config.people.number
+        true_view = None if exact else robot.true_view
         yield Parts(config, scene.name, robot, mapper, localiser, explorer, policy, facts, truth, true_view)
 
 
@@ -226,4 +228,5 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         backend.renderer_string,
         robot.camera_kind,
         config.sensor.name,
+        config.people.number,
     )

@@ -141,8 +141,20 @@ struct CarveRow {
             const std::int64_t start = ((z - voxels.corner[2]) * voxels.rows + row) * voxels.cols + low[0] - voxels.corner[0];
             if (z < high[2]) ask_for(start + voxels.rows * voxels.cols, first, last);
             project(share, layer, first, last, planar, index);
-            if (!lower(start, first, last, planar, index, changed)) continue;
             const std::int64_t first_col = low[0] - voxels.corner[0];
+            bool any = false;
+            if (settings.heavy == nullptr) {
+                any = lower(start, first, last, planar, index, changed, settings.miss);
+            } else {
+                for (int from = first, to = first; from < last; from = to) {
+                    const std::int64_t block_col = (first_col + from) >> kBlockShift;
+                    const std::int64_t end = ((block_col + 1) << kBlockShift) - first_col;
+                    to = end < last ? static_cast<int>(end) : last;
+                    const bool is_heavy = settings.heavy[(row >> kBlockShift) * block_cols + block_col] != 0;
+                    any |= lower(start, from, to, planar, index, changed, is_heavy ? settings.heavy_miss : settings.miss);
+                }
+            }
+            if (!any) continue;
             for (int i = first; i < last; ++i) {
                 // Several rows share a block, and all write the same.
                 if (changed[i]) __atomic_store_n(versions + ((first_col + i) >> kBlockShift), settings.frame, __ATOMIC_RELAXED);
@@ -163,12 +175,12 @@ struct CarveRow {
     // Takes a miss from the voxels of a line that lie before the depth about them, and says whether any changed its
     // state.
     bool lower(std::int64_t start, int first, int last, const float* __restrict planar, int* __restrict index,
-               std::int8_t* __restrict changed) const {
+               std::int8_t* __restrict changed, int weight) const {
         for (int i = first; i < last; ++i) index[i] = planar[i] + settings.margin < pyramid[index[i]] ? -1 : 0;
         std::int8_t* __restrict log_odds = voxels.log_odds + start;
         std::int8_t* __restrict state = voxels.state + start;
-        const auto miss = static_cast<std::int8_t>(settings.miss);
-        const auto floor = static_cast<std::int8_t>(settings.miss - settings.limit);
+        const auto miss = static_cast<std::int8_t>(weight);
+        const auto floor = static_cast<std::int8_t>(weight - settings.limit);
         for (int i = first; i < last; ++i) changed[i] = static_cast<std::int8_t>(index[i]);
         std::int8_t any = 0;
         for (int i = first; i < last; ++i) {

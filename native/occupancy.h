@@ -37,6 +37,8 @@ struct CarveSettings {
     int miss = 0, limit = 0;
     bool no_depth_is_free = true;
     std::int32_t frame = 0;
+    const std::uint8_t* heavy = nullptr;  // [block row][block col]: where a miss counts more; null for nowhere
+    int heavy_miss = 0;
 };
 
 struct MarkSettings {

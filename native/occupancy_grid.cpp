@@ -3,6 +3,7 @@
 
 #include "bindings.h"
 #include "buffer.h"
+#include "moved_pixels.h"
 #include "occupancy.h"
 
 namespace {
@@ -19,6 +20,7 @@ public:
     using Image = In;
     using Rays = Array<const float, 3>;
     using Places = Array<const std::int64_t, 2>;
+    using Blocks = Array<const std::uint8_t, 2>;
     using Corner = Array<const std::int64_t, 1>;
 
     Occupancy(int num_threads, const std::string& kernel) : kernel_(find(kernel)), work_(num_threads) {
@@ -55,7 +57,11 @@ public:
 
     void carve(Image depth, float fx, float fy, float cx, float cy, InFlat rotation, InFlat position, Corner low,
                Corner high, float edge, float margin, float footprint_px, float nearest, float furthest, int miss,
-               int limit, bool no_depth_is_free, std::int32_t frame) {
+               int limit, bool no_depth_is_free, std::int32_t frame, Blocks heavy, int heavy_miss) {
+        const auto block_rows = static_cast<std::size_t>(voxels_.rows >> anm::kBlockShift);
+        const auto block_cols = static_cast<std::size_t>(voxels_.cols >> anm::kBlockShift);
+        require(heavy.size() == 0 || (heavy.shape(0) == block_rows && heavy.shape(1) == block_cols),
+                "one truth value per column of blocks is needed, or none");
         require(rotation.size() == 9 && position.size() == 3 && low.size() == 3 && high.size() == 3,
                 "a pose has nine and three numbers, a box three and three");
         require_inside(low.data(), high.data());
@@ -66,7 +72,8 @@ public:
         view.fx = fx, view.fy = fy, view.cx = cx, view.cy = cy;
         std::memcpy(view.rotation, rotation.data(), sizeof view.rotation);
         std::memcpy(view.position, position.data(), sizeof view.position);
-        anm::CarveSettings settings{edge, margin, footprint_px, nearest, furthest, miss, limit, no_depth_is_free, frame};
+        anm::CarveSettings settings{edge, margin, footprint_px, nearest, furthest, miss, limit, no_depth_is_free, frame,
+                                    heavy.size() ? heavy.data() : nullptr, heavy_miss};
         nb::gil_scoped_release release;
         kernel_.carve(voxels_, view, settings, low.data(), high.data(), work_.parallel(), work_.arena());
     }
@@ -96,6 +103,20 @@ public:
         nb::gil_scoped_release release;
         kernel_.counts(voxels_, depth.data(), rays.data(), static_cast<int>(depth.shape(0)),
                        static_cast<int>(depth.shape(1)), range, matrix.data(), offset.data(), out.data(), work_.parallel());
+    }
+
+    std::int64_t moved(Image depth, Rays rays, InFlat matrix, InFlat offset, float edge, float noise, float doubt,
+                       float range, int free, int known, int support, float reach_m, float focal_px, float apart_m,
+                       float apart_share, Plane<std::uint8_t> out) {
+        require_rays(depth, rays, matrix, offset);
+        require(out.shape(0) == depth.shape(0) && out.shape(1) == depth.shape(1), "one truth value per pixel is given");
+        require(edge > 0.0F && focal_px > 0.0F, "the voxels' edge and the focal length are above zero");
+        const anm::MovedSettings settings{edge,    noise,    doubt,   range,   free, known, support,
+                                          reach_m, focal_px, apart_m, apart_share};
+        nb::gil_scoped_release release;
+        const anm::MovedPixels pixels(voxels_, depth.data(), rays.data(), static_cast<int>(depth.shape(0)),
+                                      static_cast<int>(depth.shape(1)), matrix.data(), offset.data(), settings);
+        return pixels.find(out.data());
     }
 
 private:
@@ -138,9 +159,12 @@ void bind_occupancy(nb::module_& m) {
              "column_version"_a, "corner"_a)
         .def("carve", &Occupancy::carve, "depth"_a, "fx"_a, "fy"_a, "cx"_a, "cy"_a, "rotation"_a, "position"_a,
              "low"_a, "high"_a, "edge"_a, "margin"_a, "footprint_px"_a, "nearest"_a, "furthest"_a, "miss"_a, "limit"_a,
-             "no_depth_is_free"_a, "frame"_a)
+             "no_depth_is_free"_a, "frame"_a, "heavy"_a, "heavy_miss"_a)
         .def("mark", &Occupancy::mark, "voxels"_a, "depth"_a, "range_step"_a, "hit"_a, "limit"_a, "frame"_a)
         .def("hits", &Occupancy::hits, "depth"_a, "rays"_a, "first_row"_a, "first_col"_a, "stride"_a, "range"_a,
              "matrix"_a, "offset"_a, "voxels"_a, "hit_depth"_a)
-        .def("counts", &Occupancy::counts, "depth"_a, "rays"_a, "range"_a, "matrix"_a, "offset"_a, "out"_a);
+        .def("counts", &Occupancy::counts, "depth"_a, "rays"_a, "range"_a, "matrix"_a, "offset"_a, "out"_a)
+        .def("moved", &Occupancy::moved, "depth"_a, "rays"_a, "matrix"_a, "offset"_a, "edge"_a, "noise"_a, "doubt"_a,
+             "range"_a, "free"_a, "known"_a, "support"_a, "reach_m"_a, "focal_px"_a, "apart_m"_a, "apart_share"_a,
+             "out"_a);
 }

@@ -28,7 +28,7 @@ FLOORS = {
         ("anticipating_robot", "explore"),
     ),
     # What a simulation needs.
-    "world": (("scene",), ("ground_truth",), ("sim",), ("environments",)),
+    "world": (("scene",), ("ground_truth", "people"), ("sim",), ("environments",)),
     # What judges, shows and keeps.
     "study": (
         ("checkpoint", "io"),
@@ -51,7 +51,7 @@ _RANK = {room: rank for rank, tier in enumerate(sum(FLOORS.values(), ())) for ro
 _FLOOR = {room: floor for floor, tiers in FLOORS.items() for tier in tiers for room in tier}
 
 _ONLY_IN = {
-    "mujoco": {"mjcf", "scene", "sim", "robot", "control"},
+    "mujoco": {"mjcf", "scene", "people", "sim", "robot", "control"},
     "dm_control": {"environments"},
     "gymnasium": {"environments"},
     "mink": {"control"},

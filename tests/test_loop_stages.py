@@ -1,13 +1,18 @@
 """What a policy hears of."""
 
+from dataclasses import replace
+from typing import Protocol
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
-from anm_mj.loop_stages import learn
-from anm_mj.types import MapUpdate, Pose2
+from anm_mj.localisation.localiser import Localiser, PoseEstimate, RegistrationQuality, TrackingState
+from anm_mj.loop_stages import doubt_stop, give_way, learn
+from anm_mj.loop_state import LoopState
+from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
+from anm_mj.sensing.moving_things import MovingThing
+from anm_mj.types import Action, Footprint, MapUpdate, Plan, Pose2, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 from tests.box_room import observe
 
@@ -17,9 +22,73 @@ def test_a_policy_hears_of_what_enters_the_map(usable):
     seen = observe(0, Pose2(0.0, 0.0, 0.0))
     quality = RegistrationQuality(1.0, 1.0, 0.0, 3, 3)
     estimate = PoseEstimate(seen, np.eye(6), quality, TrackingState.TRACKING, usable)
-    localiser = Mock(integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
-    policy = Mock()
+    localiser = Mock(spec=Localiser, integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
+    policy = Mock(spec=Policy)
 
-    learn(seen, estimate, localiser, Mock(), policy, Stopwatch())
+    learn(seen, estimate, localiser, Mock(spec=Mapper), policy, Stopwatch())
 
     assert policy.observe.called == localiser.integrate.called == usable
+
+
+class FindingMapper(Mapper, FindsMoved, Protocol):
+    """A map that finds what moves."""
+
+
+AHEAD = MovingThing(0.6, 0.0, (-0.3, 0.0), 0.25, 0.0)
+
+
+def state_before(*things: MovingThing) -> LoopState:
+    state = LoopState(patience_steps=3)
+    state.observation = observe(0, Pose2(0.0, 0.0, 0.0))
+    state.things.things = list(things)
+    return state
+
+
+def test_a_robot_waits_patiently_and_then_takes_what_moves_for_an_obstacle():
+    robot, mapper, state = (
+        Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)),
+        Mock(spec=FindingMapper),
+        state_before(AHEAD),
+    )
+    state.follower.start(Plan("", np.array([[0.0, 0.0], [3.0, 0.0]])))
+
+    done = [give_way(Action.MOVE_FORWARD, robot, mapper, state) for _ in range(2)]
+    assert done == [Action.WAIT, Action.WAIT]
+    assert not mapper.hold_moved.called
+    assert give_way(Action.MOVE_FORWARD, robot, mapper, state) is Action.WAIT
+    assert mapper.hold_moved.called
+    assert state.follower.next_action(Pose2(0.0, 0.0, 0.0)) is None
+
+    state.things.things = []
+    assert give_way(Action.MOVE_FORWARD, robot, mapper, state) is Action.MOVE_FORWARD
+    assert state.waited == 0
+
+
+def test_what_stands_in_the_way_is_not_waited_for_long():
+    robot, mapper = Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)), Mock(spec=FindingMapper)
+    give_way(Action.MOVE_FORWARD, robot, mapper, state_before(replace(AHEAD, velocity_mps=(0.0, 0.0))))
+
+    assert mapper.hold_moved.called
+
+
+def test_a_robot_turns_whoever_is_near():
+    assert (
+        give_way(Action.TURN_LEFT, Mock(spec=Robot), Mock(spec=FindingMapper), state_before(AHEAD)) is Action.TURN_LEFT
+    )
+
+
+@pytest.mark.parametrize("stop", [StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET])
+def test_a_run_does_not_end_because_somebody_stands_there_nor_wait_for_ever(stop):
+    state, mapper = state_before(AHEAD), Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
+    decisions = [doubt_stop(Plan("done", stop=stop), mapper, state) for _ in range(5)]
+
+    assert [plan.stop for plan in decisions] == [None, None, None, stop, stop]
+    assert all(plan.actions == (Action.WAIT,) for plan in decisions[:3])
+
+
+def test_a_run_ends_where_nothing_moves_or_an_error_ends_it():
+    mapper = Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
+    complete, error = Plan("done", stop=StopReason.COMPLETE), Plan("oh", stop=StopReason.POLICY_ERROR)
+
+    assert doubt_stop(complete, mapper, state_before()) is complete
+    assert doubt_stop(error, mapper, state_before(AHEAD)) is error

@@ -172,7 +172,9 @@ def test_without_track_a_sequence_without_poses_is_refused(tmp_path, capsys):
     assert "--reference is for poses that --track finds" in said(capsys)
 
 
-@pytest.mark.parametrize("words", ["0.1,x", "0.1,nan", ",".join(["0.1"] * 13)])
+@pytest.mark.parametrize(
+    "words", ["0.1,x", "nan,0.1", "division,0.1", "fisheye,0.1,0.1,0.1,0.1,0.1", ",".join(["0.1"] * 13)]
+)
 def test_a_distortion_that_cannot_be_is_one_sentence(tmp_path, capsys, words):
     folder = write(tmp_path / "walk")
     assert main(["map", str(folder), "--track", "--out", str(tmp_path / "out"), "--distortion", words]) == 2

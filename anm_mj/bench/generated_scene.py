@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -11,13 +10,9 @@ from msgspec import Meta, Struct
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import TOML, Scene, read_scene_folder
 from anm_mj.scene.generation.generate_scene import generate_scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.utils.files import cache_folder
 
 _logger = logging.getLogger(__name__)
-
-STEPS_PER_M2, BASE_STEPS = 10, 200
-"""Budget by floor: the paper's budgets by rooms leave 3 steps per square metre to a wide office, 20 to a small room."""
 
 
 class GeneratedScene(Struct, forbid_unknown_fields=True):
@@ -50,9 +45,3 @@ def provide(wanted: GeneratedScene) -> Scene:
             "out."
         )
     return scene
-
-
-def area_budget(scene: Scene) -> int:
-    """Steps for a scene by the floor that the default robot reaches, in hundreds."""
-    area_m2 = scene_area(scene, DEFAULT_FOOTPRINT).area_m2
-    return 100 * math.ceil((BASE_STEPS + STEPS_PER_M2 * area_m2) / 100)

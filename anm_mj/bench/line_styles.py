@@ -7,8 +7,8 @@ from typing import Any
 
 from anm_mj.viz.figure_file import plain
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#7a3fa0", "#000000", "#b8860b", "#56b4e9", "#cc79a7", "#7f7f7f")
-"""Apart for colour-blind eyes, after Okabe and Ito, Color Universal Design, 2008."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#7a3fa0", "#000000", "#b8860b", "#7b3f00", "#cc79a7", "#7f7f7f")
+"""Apart for colour-blind eyes, after Okabe and Ito, Color Universal Design, 2008; one blue alone."""
 LINES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", "*", "h", ">")
 """The lengths of the three have no common divisor, so that hundreds of variants differ."""

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 
 from anm_mj.bench.best_known import situation
 from anm_mj.bench.line_styles import legend_name, style
-from anm_mj.bench.run_result import OBSERVABLE, Result, drawn_variants
+from anm_mj.bench.run_result import OBSERVABLE, Result, compared, drawn_variants
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
-from anm_mj.viz.figure_file import PICTURE, save_figure
+from anm_mj.viz.figure_file import PICTURE, fit_ratio, plain, save_figure
 
 LEVEL = 90.0
 """Level of the observable ratio that the profile counts steps to [%]."""
@@ -46,8 +46,9 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     left, right = figure.subplots(1, 2)
     fewest = _fewest(results)
     variants, count = drawn_variants(results)
+    with_band = compared(variants)
     for k, (name, runs) in enumerate(variants.items()):
-        _draw_curve(left, runs, k, name)
+        _draw_curve(left, runs, k, name, with_band=name in with_band)
         factors = np.sort([max(run.steps_to(LEVEL), 1.0) / fewest[situation(run)] for run in runs])
         factors = factors[np.isfinite(factors)]
         at = np.concatenate([[1.0], factors, [LARGEST_FACTOR]])
@@ -55,10 +56,16 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
         right.step(at, 100.0 * share, where="post", lw=1.5, markevery=0.2, ms=5, mec="white", mew=0.6, **style(k))
     scenes = len({run.job.scene_name for runs in variants.values() for run in runs})
     left_out = f"; left out for having fewer runs: {count}" if count else ""
-    band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
-    left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
-    left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}{left_out}\n{band}", fontsize=9)
-    right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]", ylim=(0, 102))
+    whose = f" of {' and '.join(with_band)}" if len(variants) > len(with_band) else ""
+    band = (
+        f"band{whose}: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
+    )
+    left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100))
+    fit_ratio(left)
+    left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}{left_out}\n{plain(band)}", fontsize=9)
+    right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]")
+    fit_ratio(right)
+    right.set_ylim(top=1.02 * right.get_ylim()[1])
     right.set(xlim=(1.0, LARGEST_FACTOR))
     right.set_title(f"performance profile: runs that reach {LEVEL:.0f} % within so many times the fewest", fontsize=9)
     if not np.isfinite(list(fewest.values())).any():
@@ -79,7 +86,7 @@ def _fewest(results: Sequence[Result]) -> dict[tuple[object, ...], float]:
     return {key: max(steps, 1.0) for key, steps in fewest.items()}
 
 
-def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str) -> None:
+def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str, *, with_band: bool) -> None:
     """Mean over scenes of each scene's mean curve, with its interval."""
     per_scene: dict[str, list[Float[np.ndarray, " shares"]]] = {}
     for run in runs:
@@ -88,6 +95,6 @@ def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str) -> None:
     means = np.array([np.mean(curves, axis=0) for curves in per_scene.values()])
     axes.plot(100.0 * SHARES, means.mean(axis=0), lw=1.5, markevery=(5 * k % 20, 20), ms=5, mec="white", mew=0.6,
               label=legend_name(name), **style(k))  # fmt: skip
-    if len(means) >= LEAST_SCENES:
+    if with_band and len(means) >= LEAST_SCENES:
         low, high = np.array([bootstrap_interval(column) for column in means.T]).T
         axes.fill_between(100.0 * SHARES, low, high, color=style(k)["color"], alpha=0.12, lw=0.0)

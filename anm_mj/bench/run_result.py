@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +29,8 @@ COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 MOST_MISSING = 0.1
 """A variant is drawn that lacks at most this share of all starts, or one: a run or two may have failed."""
+COMPARED = ("gvg", "anm-s")
+"""The default policy and the paper's."""
 OF_THE_ROBOT = ("model.", "sensor.")
 """What the names of settings of the robot's body and sensors begin with."""
 
@@ -203,6 +205,14 @@ def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], 
     drawn = {name: own for name, own in runs.items() if count - len(starts[name]) <= most_missing}
     # Where none ran everywhere, all are drawn.
     return drawn or runs, len(runs) - len(drawn or runs)
+
+
+def compared(variants: Mapping[str, Sequence[Result]]) -> tuple[str, ...]:
+    """The two variants whose spread is drawn: ours and the paper's, else the two of the largest areas under curves."""
+    if set(COMPARED) <= set(variants):
+        return COMPARED
+    area = {name: np.mean([run.area_under_curve(COMPLETION) for run in runs]) for name, runs in variants.items()}
+    return tuple(sorted(area, key=lambda name: -area[name])[:2])
 
 
 def split_settings(text: str) -> tuple[list[str], list[str]]:

@@ -46,14 +46,16 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from anm_mj.bench.bench_error import BenchError
-from anm_mj.bench.generated_scene import GeneratedScene, area_budget, provide
+from anm_mj.bench.generated_scene import GeneratedScene, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.job import CONDITIONS, Job
 from anm_mj.bench.suite import suite_file
+from anm_mj.config import BUDGETS
 from anm_mj.evaluation.oracle.tour_measure import MEASURES
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_presets import robot_path
-from anm_mj.scene.folder import Scene, default_steps, load_scene
+from anm_mj.scene.budget import default_steps
+from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml
@@ -73,9 +75,9 @@ class Sweep:
     """Seeds of the runs."""
     steps: int | None = None
     """Budget of each run; None = the one that ``budget`` names."""
-    budget: str = "rooms"
-    """``rooms``: the scene's own, which depends on its number of rooms as in the paper; ``area``: by its floor;
-    ``both``: the longer of the area's and the paper's, and the tables have each run cut at both."""
+    budget: str = "scene"
+    """``scene``: the scene's own, or else by its floor; ``area``: by its floor; ``rooms``: the paper's, by its number
+    of rooms; ``both``: the longer of the area's and the paper's, and the tables have each run cut at both."""
     preset: str = CONDITIONS["preset"]
     """Of the map, as ``anm-mj explore --preset`` has it."""
     sensor: tuple[str, ...] = (CONDITIONS["sensor"],)
@@ -101,7 +103,6 @@ AXES = ("robot", "drive", "pose", "sensor", "goal")
 """Conditions that a sweep varies; one value may stand without a list."""
 TYPES = get_type_hints(Sweep)
 """Keys of a sweep and their types."""
-BUDGETS = ("rooms", "area", "both")
 MAX_RUNS = limit("ANM_MJ_MAX_RUNS", 10_000)
 """Most runs of a comparison."""
 
@@ -262,15 +263,12 @@ def _budget(sweep: Sweep, scene: Scene) -> tuple[int, tuple[tuple[str, int], ...
     Raises:
         BenchError: There is no such budget.
     """
-    if sweep.budget not in BUDGETS:
-        raise BenchError(f"budget is {sweep.budget!r}; give {', '.join(BUDGETS[:-1])} or {BUDGETS[-1]}.")
+    if sweep.budget not in (*BUDGETS, "both"):
+        raise BenchError(f"budget is {sweep.budget!r}; give {', '.join(BUDGETS)} or both.")
     if sweep.steps is not None:
         return sweep.steps, ()
-    if sweep.budget == "area":
-        steps = area_budget(scene)
-        return steps, (("area", steps),)
-    if sweep.budget == "both":
-        # Generated scenes have a budget of their own; the paper's depends on the rooms alone.
-        cuts = (("area", area_budget(scene)), ("rooms", default_steps(scene.rooms)))
-        return max(steps for _, steps in cuts), cuts
-    return scene.budget_steps or default_steps(scene.rooms), ()
+    if sweep.budget == "scene":
+        return default_steps(scene), ()
+    rules = ("area", "rooms") if sweep.budget == "both" else (sweep.budget,)
+    cuts = tuple((rule, default_steps(scene, rule)) for rule in rules)
+    return max(steps for _, steps in cuts), cuts

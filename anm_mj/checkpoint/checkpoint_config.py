@@ -14,6 +14,6 @@ class CheckpointConfig(Settings, group="checkpoint", error=CheckpointError):
 
     every_steps: int = setting(100, at_least=0, at_most=1e9)
     """Steps from one checkpoint to the next; 0 = none are written."""
-    loop_share: float = setting(0.02, at_most=1.0)
+    loop_share: float = setting(0.01, at_most=1.0)
     """The loop spends at most this share of its time on checkpoints; where one takes long, the next one waits. 1 = they
     never wait."""

@@ -18,6 +18,7 @@ _MAKEABLE = (
     "control",
     "robot",
     "geometry",
+    "people",
     "ground_truth",
     "evaluation",
     "utils",

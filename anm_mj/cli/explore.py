@@ -44,6 +44,7 @@ def run_config(
     no_visibility_guidance: bool = False,
     no_bootstrap: bool = False,
     keep_images: bool = False,
+    people: Annotated[int | None, Option("N")] = None,
     settings: Settings = (),
     **options: Annotated[Any, Fields(_run_fields)],
 ) -> RunConfig:
@@ -55,6 +56,7 @@ def run_config(
         target: how a policy of the paper chooses a vertex: hierarchical, best-anchored or random (policy.target=NAME)
         no_visibility_guidance: neither prefer nor turn to regions (policy.visibility_guidance=false)
         no_bootstrap: no rotation before the first decision (policy.bootstrap_turns=0)
+        people: number of people who walk through the scene (people.number=N)
         keep_images: keep the colour images at full size, for NeRF, splats and COLMAP (record.images=full)
         settings: any setting of config.json, as in planning.margin_m=0.06 [m] or, of the policy, policy.replan_steps=8;
             may be repeated
@@ -75,6 +77,7 @@ def run_config(
         "policy.visibility_guidance=false": no_visibility_guidance,
         "policy.bootstrap_turns=0": no_bootstrap,
         "record.images=full": keep_images,
+        f"people.number={people}": people is not None,
     }
     settings = [*(setting for setting, given in short.items() if given), *settings]
     preset = options.pop("preset", DEFAULT_PRESET)

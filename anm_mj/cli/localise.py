@@ -33,7 +33,7 @@ def localise(
     layout: str | None = None,
     camera: Annotated[tuple[float, float, float, float] | None, Option("FX,FY,CX,CY")] = None,
     depth_unit: Metres | None = None,
-    distortion: Annotated[str | None, Option("K1,K2,...")] = None,
+    distortion: Annotated[str | None, Option("[MODEL,]K1,K2,...")] = None,
     topics: Annotated[Sequence[str], Option("--topic ROLE=NAME")] = (),
     every: Count = 1,
     settings: Settings = (),
@@ -53,7 +53,7 @@ def localise(
         layout: run, anm-mj, tum, nerfstudio, replica or rosbag; by default recognised by its files
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
-        distortion: lens distortion in the order of OpenCV, or none; by default as the files say
+        distortion: of the lens in the order of OpenCV, as fisheye,K1,K2,K3,K4, or none; by default as the files say
         topics: topic of a bag for colour, depth or camera, where several fit; may be repeated
         every: read every Nth image only
         settings: any setting of localisation, as in localisation.relocalisation.least_score=0.7; may be repeated
@@ -75,6 +75,7 @@ def localise(
         layout,
         camera,
         depth_unit,
+        up="-y",
         floor_m=-_LEVEL_M,
         every=every,
         topics=topics_by_role(topics),

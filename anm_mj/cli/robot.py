@@ -39,8 +39,8 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     from anm_mj.mjcf.read_mjcf import root_tag
     from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.drive_trial import drive_over_a_floor, plain_fault
-    from anm_mj.sim.robot_views import SIDES, robot_views
-    from anm_mj.viz.picture_row import save_picture_row
+    from anm_mj.sim.robot_views import robot_views
+    from anm_mj.viz.robot_sheet import save_robot_sheet
 
     found = describe_file(path, config)
     test = drive_over_a_floor(found)
@@ -48,9 +48,19 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     # What MuJoCo alone makes of a URDF is not what runs here.
     plain = plain_fault(path, found.root) if root_tag(path) == "mujoco" else ""
     console.say(*describe(found, test), *([f"warning: {plain}"] if plain else []))
-    images = robot_views(found.spec, found.root, found.T_root_base, found.T_base_camera, found.footprint, backend)
+    T_base_camera = found.T_base_camera
+    images, width_m = robot_views(found.spec, found.root, found.T_root_base, T_base_camera, found.footprint, backend)
     out = out or Path(f"{found.name}_check.png")
-    save_picture_row(out, images, SIDES)
+    save_robot_sheet(
+        out,
+        images,
+        width_m,
+        name=f"{found.name}: {found.kind}, {found.mass_kg:.1f} kg",
+        footprint=found.footprint,
+        track_m=found.track_m,
+        wheel_radius_m=found.wheel_radius_m,
+        camera_m=T_base_camera[2, 3],
+    )
     console.say(f"picture: {out}")
     wrong = problems(found, test)
     facts = robot_facts(found) | {"drive": test, "problems": wrong, "picture": out}

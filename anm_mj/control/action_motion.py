@@ -12,11 +12,12 @@ _MOTIONS = {
     Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
     Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
     Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
+    Action.WAIT: (0.0, 0.0),
 }
 
 
 def action_motion(action: Action) -> tuple[float, float]:
-    """Forward distance [m] and turn [rad] of an action; one of the two is 0."""
+    """Forward distance [m] and turn [rad] of an action; at least one of the two is 0."""
     return _MOTIONS[action]
 
 
@@ -59,8 +60,8 @@ class Trapezoid:
 
 
 def action_profile(action: Action, limits: MotionLimits) -> Trapezoid:
-    """Velocity profile of an action other than STOP."""
+    """Velocity profile of an action other than STOP; a wait lasts as long as a turn."""
     forward_m, turn_rad = action_motion(action)
     if forward_m:
         return Trapezoid(forward_m, limits.forward_mps, limits.forward_mps2)
-    return Trapezoid(abs(turn_rad), limits.turn_radps, limits.turn_radps2)
+    return Trapezoid(abs(turn_rad) or TURN_STEP_RAD, limits.turn_radps, limits.turn_radps2)

@@ -50,7 +50,9 @@ def static_obstacles(model: mujoco.MjModel) -> list[Obstacle]:
     for geom in range(model.ngeom):
         shape = mujoco.mjtGeom(model.geom_type[geom])
         solid = model.geom_contype[geom] or model.geom_conaffinity[geom]
-        if solid and model.body_weldid[model.geom_bodyid[geom]] == 0 and shape.name.removeprefix("mjGEOM_") in _SHAPES:
+        body = model.geom_bodyid[geom]
+        still = model.body_weldid[body] == 0 and model.body_mocapid[body] < 0
+        if solid and still and shape.name.removeprefix("mjGEOM_") in _SHAPES:
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
             found.append(Obstacle(shape, model.geom_size[geom].copy(), data.geom_xpos[geom].copy(), quaternion))

@@ -14,14 +14,15 @@ from anm_mj.types import Action, Twist
 ACTION_SETS = ("discrete", "velocity")
 CONTROL_S = 0.2
 """Time that a velocity holds [s]."""
-MOVES = tuple(action for action in Action if action is not Action.STOP)
+MOVES = (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
+MOVES_AND_STOP = (Action.STOP, *MOVES)
 
 
 def action_spec(actions: str, stop: bool) -> specs.Array:
     """What an environment of one of ``ACTION_SETS`` takes; ``stop``: whether STOP is among the discrete actions."""
     if actions == "velocity":
         return specs.BoundedArray((2,), np.float32, -1.0, 1.0, name="action")
-    return specs.DiscreteArray(len(Action) if stop else len(MOVES), name="action")
+    return specs.DiscreteArray(len(MOVES_AND_STOP if stop else MOVES), name="action")
 
 
 def read_action(action: Any, actions: str, stop: bool) -> Action | Twist:
@@ -34,7 +35,7 @@ def read_action(action: Any, actions: str, stop: bool) -> Action | Twist:
     """
     if actions == "velocity":
         return _read_velocity(action)
-    allowed = tuple(Action) if stop else MOVES
+    allowed = MOVES_AND_STOP if stop else MOVES
     try:
         number = int(action)
     except (TypeError, ValueError):

@@ -9,6 +9,7 @@ from typing import Any
 from anm_mj.control.action_motion import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import ConfigError, RobotError, TaskError
+from anm_mj.people.people_config import PeopleConfig
 from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import FORWARD_STEP_M
@@ -26,7 +27,7 @@ class EnvironmentConfig:
     """Settings of an episode of exploration, apart from the scene."""
 
     num_steps: int | None = None
-    """Steps until truncation; None = the scene's budget, or the default for its number of rooms."""
+    """Steps until truncation; None = the scene's budget, or else by its floor."""
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg] of every episode; None = a random reachable pose per episode."""
     drive: str = SimulationConfig.drive
@@ -36,6 +37,8 @@ class EnvironmentConfig:
     pixels cover slightly less."""
     sensor: str = "exact"
     """Name of the sensor whose errors the observations have; the reward counts what it truly saw."""
+    people: int = 0
+    """Number of people who walk through the scene; surface that they hide is not seen."""
     topdown: bool = False
     """Whether the observation includes an occupancy map around the robot."""
     distance: bool = False
@@ -71,7 +74,9 @@ class EnvironmentConfig:
     def simulation(self) -> SimulationConfig:
         """What the simulated robot is made of; every episode has its own scene, start and seed."""
         sensor = sensor_config(self.sensor)
-        return SimulationConfig("", robot=self.robot, drive=self.drive, image_px=self.image_px, sensor=sensor)
+        people = PeopleConfig(number=self.people)
+        options = {"robot": self.robot, "drive": self.drive, "image_px": self.image_px}
+        return SimulationConfig("", **options, sensor=sensor, people=people)
 
     @property
     def max_steps(self) -> int:

@@ -20,7 +20,8 @@ from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
-from anm_mj.scene.folder import Scene, default_steps
+from anm_mj.scene.budget import default_steps
+from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
 from anm_mj.scene.starts import sample_start
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
@@ -79,13 +80,18 @@ class ExploreTask(control.Task):
     @property
     def num_steps(self) -> int:
         """Steps until truncation, in the scene of the present episode."""
-        usual = self._scene.budget_steps or default_steps(self._scene.rooms)
-        return self._config.num_steps or min(usual, self._config.max_steps)
+        return self._config.num_steps or min(default_steps(self._scene), self._config.max_steps)
 
     @property
     def coverage(self) -> float:
         """Fraction of the observable surface covered in this episode, in [0, 1]; the first view counts."""
         return self._covered.fraction
+
+    @property
+    def people_m(self) -> float:
+        """Distance between the robot's body and the nearest person's [m]; infinite among nobody."""
+        people = self._true.people
+        return math.inf if people is None else people.nearest_m
 
     @property
     def view(self) -> Observation:
@@ -207,6 +213,7 @@ class ExploreTask(control.Task):
 
     def _add_view(self, physics: RobotPhysics) -> None:
         view, true = self._view, physics.robot.true_view()
+        self._true = true
         new = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
         if self._map is not None:
             self._map.add(view)

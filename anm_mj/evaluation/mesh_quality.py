@@ -23,6 +23,8 @@ from anm_mj.utils.threads import usual_num_threads
 
 FINE_M = 0.025
 """Half of ``COVERED_M``: at 5 cm nearly all observed surface counts as found, however roughly it is known [m]."""
+FAR_OFF_M = 0.1
+"""What is farther away than this is no error of depth, but something that is not there [m]."""
 SAMPLE_SEED = 0
 """Seed of the samples on the reconstruction."""
 
@@ -41,6 +43,8 @@ class MeshQuality:
     """Share of the reconstruction within 5 cm of the true surface [%]."""
     fine_completion_ratio_percent: float
     """Share of the true surface within 2.5 cm of the reconstruction [%]."""
+    ghost_percent: float
+    """Share of the reconstruction farther than 10 cm from the true surface [%]."""
 
     @property
     def f_score_percent(self) -> float:
@@ -92,4 +96,5 @@ def _quality(to_truth_m: Float[np.ndarray, " n"], to_mesh_m: Float[np.ndarray, "
         completion_ratio_percent=100.0 * float(np.mean(to_mesh_m < COVERED_M)),
         precision_percent=100.0 * float(np.mean(to_truth_m < COVERED_M)),
         fine_completion_ratio_percent=100.0 * float(np.mean(to_mesh_m < FINE_M)),
+        ghost_percent=100.0 * float(np.mean(to_truth_m > FAR_OFF_M)),
     )

@@ -16,7 +16,7 @@ from anm_mj.types import Action
 
 NOVEL, FIXED = "novel_view", "fixed_view"
 """What the keys of ``metrics.json`` about novel and fixed views begin with."""
-COUNTS = ("steps", "forwards", "turns", "blocked", "full_rotations", "collisions")
+COUNTS = ("steps", "forwards", "turns", "blocked", "waits", "full_rotations", "collisions")
 """Keys of ``metrics.json`` that count steps."""
 _OF_THE_MESH = {
     "accuracy_cm": "accuracy_cm",
@@ -47,6 +47,16 @@ class RunSummary:
     """Steps of the return to the start; None where the robot was not to go back, or did not come to it."""
     return_distance_m: float | None = None
     """Distance to the start at the end, as the robot believes it; None where it was not to go back [m]."""
+    surface_lost_percent: float | None = None
+    """Share of the observed surface that the map takes for free space: carved away [%]."""
+    people_nearest_m: float | None = None
+    """Smallest distance between the robot's body and a person's; None, as the next three, among nobody [m]."""
+    people_contacts: int | None = None
+    """Steps by which the robot ran into somebody."""
+    moved_precision_percent: float | None = None
+    """Share of the pixels taken for moved that show people, once somebody was in view for five frames [%]."""
+    moved_recall_percent: float | None = None
+    """Share of the pixels that show people which were taken for moved, likewise [%]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +96,8 @@ class Metrics:
     observed_mesh_completion_ratio_25mm: float | None = None
     observed_f_score: float | None = None
     observed_chamfer_cm: float | None = None
+    ghost_percent: float | None = None
+    """Share of the reconstructed mesh farther than 10 cm from the true surface [%]."""
     novel_views: int | None = None
     """Novel views that the map was evaluated on. The next six are means over them."""
     novel_view_psnr_db: float | None = None
@@ -130,6 +142,8 @@ class Metrics:
     """Steps that turned on the spot."""
     blocked: int
     """Forward steps that did not move."""
+    waits: int
+    """Steps that waited for something that moved."""
     full_rotations: int
     """Full turns on the spot without a move in between."""
     collisions: int
@@ -137,13 +151,18 @@ class Metrics:
     stage_hz: dict[str, float]
     """Rate of each stage of the loop, as if it were the only one [steps/s]."""
     stop_reason: str | None = None
-    """This and the next six: see :class:`RunSummary`."""
+    """This and the next eleven: see :class:`RunSummary`."""
     wall_s: float | None = None
     hz: float | None = None
     evaluation_s: float | None = None
     peak_rss_mib: float | None = None
     return_steps: int | None = None
     return_distance_m: float | None = None
+    surface_lost_percent: float | None = None
+    people_nearest_m: float | None = None
+    people_contacts: int | None = None
+    moved_precision_percent: float | None = None
+    moved_recall_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +172,7 @@ class EpisodeStatistics:
     forwards: int = 0
     turns: int = 0
     blocked: int = 0
+    waits: int = 0
     full_rotations: int = 0
     collisions: int = 0
     stage_ms: dict[str, float] = field(default_factory=dict)
@@ -163,7 +183,7 @@ class EpisodeStatistics:
     @property
     def steps(self) -> int:
         """Number of steps."""
-        return self.forwards + self.turns + self.blocked
+        return self.forwards + self.turns + self.blocked + self.waits
 
     def after(self, action: Action, collided: bool, moved_m: float, stage_ms: dict[str, float]) -> EpisodeStatistics:
         """The statistics with one more step."""
@@ -173,7 +193,8 @@ class EpisodeStatistics:
         return EpisodeStatistics(
             forwards=self.forwards + moved,
             turns=self.turns + abs(side),
-            blocked=self.blocked + (side == 0 and not moved),
+            blocked=self.blocked + (action is Action.MOVE_FORWARD and not moved),
+            waits=self.waits + (action is Action.WAIT),
             full_rotations=self.full_rotations + (side != 0 and in_a_row % NUM_HEADINGS == 0),
             collisions=self.collisions + collided,
             stage_ms={
@@ -221,6 +242,7 @@ def summarise(
         completion_ratio_before=before and before.ratio_percent,
         observable_ratio_before=before and before.observable_ratio_percent,
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
+        ghost_percent=whole and whole.ghost_percent,
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
         **(trajectory or {}),

@@ -43,8 +43,24 @@ class LensDistortion:
     """How they are known, for a line that says so."""
 
     @classmethod
+    def read(cls, words: str) -> LensDistortion | None:
+        """What somebody says: coefficients in the order of OpenCV, behind the name of their model or without.
+
+        Raises:
+            ValueError: as :meth:`of`, or a word is no number.
+        """
+        head, *rest = words.split(",")
+        named = head.strip()[:1].isalpha() and head.strip().lower() not in ("nan", "inf", "infinity")
+        values = [float(word) for word in (rest if named else (head, *rest))]
+        if named:
+            return cls.of(head.strip(), values, "as given")
+        return cls.of("plumb_bob" if len(values) <= 5 else "rational_polynomial", values, "as given")
+
+    @classmethod
     def of(cls, model: str, coefficients: Sequence[float], source: str = "by its files") -> LensDistortion | None:
         """The distortion of a model by name; missing coefficients are 0. None where there is none.
+
+        A fisheye lens has some even where its coefficients are 0: it images angles, not their tangents.
 
         Raises:
             ValueError: the model is unknown, has fewer coefficients, or one of them is not finite.
@@ -53,10 +69,10 @@ class LensDistortion:
         values = tuple(float(value) for value in coefficients)
         if not np.isfinite(values).all():
             raise ValueError(f"the distortion {values} is not finite")
+        if name != EQUIDISTANT and not any(values):
+            return None
         while values and values[-1] == 0.0:
             values = values[:-1]
-        if not values:
-            return None
         if name not in _NAMES:
             raise ValueError(f"the distortion model '{model}' is none of {', '.join(_NAMES)}")
         if name == "rational_polynomial" and len(values) > len(_NAMES[name]):

@@ -39,6 +39,8 @@ class FrameShape(PoseShape):
     time_s: Number
     true: PoseShape | None = None
     """Only where it differs from the believed one."""
+    people: list[tuple[Length, Length, Number, Number, Number]] = []
+    """Of each person: place, yaw [rad], phase of the gait [rad], swing of the limbs."""
     localisation: LocalisationShape | None = None
     """Only where the pose was estimated."""
 

@@ -7,9 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 
-from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import FREE, OCCUPIED
 
@@ -42,15 +41,20 @@ class Agreement:
         return confirmed / (confirmed + contradicted) if confirmed + contradicted else 0.0
 
 
-def agreement(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], occupancy: DepthOccupancy) -> Agreement:
-    """Compare a frame's points at a camera pose with the occupancy grid."""
+def agreement(
+    points_m: Float32[np.ndarray, "n 3"], T_world_camera: Float[np.ndarray, "4 4"], occupancy: DepthOccupancy
+) -> Agreement:
+    """Compare a frame's points, in the camera's axes, at a camera pose with the occupancy grid."""
     origin = T_world_camera[:3, 3]
-    world = points.camera_m @ T_world_camera[:3, :3].T + origin
+    world = points_m @ T_world_camera[:3, :3].T + origin
     near = occupancy.near_occupied(world, REACH_M)
-    free = occupancy.state_at(world) == FREE
-    length = np.linalg.norm(world - origin, axis=1)
-    blocked = np.zeros(len(points), bool)
-    for share in _RAY_SHARES:
-        on_ray = occupancy.state_at(origin + share * (world - origin)) == OCCUPIED
-        blocked |= on_ray & ((1.0 - share) * length > _RAY_MARGIN_M)
+    ray = world - origin
+    # One call for all: of few points, a call costs more than they do.
+    places = np.concatenate((world, *(origin + share * ray for share in _RAY_SHARES)))
+    end, *on_ray = occupancy.state_at(places).reshape(-1, len(world))
+    free = end == FREE
+    length = np.linalg.norm(ray, axis=1)
+    blocked = np.zeros(len(world), bool)
+    for share, state in zip(_RAY_SHARES, on_ray, strict=True):
+        blocked |= (state == OCCUPIED) & ((1.0 - share) * length > _RAY_MARGIN_M)
     return Agreement(near & ~blocked, (free & ~near) | blocked)

@@ -15,7 +15,7 @@ from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.floor_plane import pose_above_floor
-from anm_mj.localisation.frame_points import draw_points
+from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
@@ -137,7 +137,10 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        self._points = points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+        told = observation
+        if self._map.config.moving.detect and not lost:
+            told = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)
+        self._points = points = draw_points(told, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
@@ -147,18 +150,20 @@ class FieldLocaliser:
         found = register(points, prior, align, known, settings, extra)
         if self._may_be_wrong(prior, found):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
-        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
+        fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
-        if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
-            return self._predicted(observation, prior, found, misfit=True)
-        if found.known < tracking.least_known:
-            return self._predicted(observation, prior, found, misfit=False)
+        misfit |= self._is_jump(prior, found)
+        misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
+        if misfit or found.known < tracking.least_known:
+            return self._predicted(observation, prior, found, misfit=misfit)
         self._misfits = 0
         self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
-        return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
+        estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
+        self._key_images.see(estimate.observation, noise)
+        return estimate
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
@@ -291,10 +296,15 @@ class FieldLocaliser:
         position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
         vague = position > settings.retry_least_m or rotation > settings.retry_least_rad
         usual = float(np.median(self._costs)) if self._costs else 0.0
-        return found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
+        dear = found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
+        return dear or self._is_jump(prior, found)
+
+    def _is_jump(self, prior: Prior, found: Registration) -> bool:
+        """Whether a pose is too far from its prior to be believed of one frame."""
+        return found.prior_cost > self.config.registration.most_prior * len(prior.covariance)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-        return float(np.mean(agreement(points, T_world_camera, self._map.occupancy.by_depth).contradicted))
+        return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
@@ -303,6 +313,7 @@ class FieldLocaliser:
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool
     ) -> PoseEstimate:
         """The prior's pose, for a frame that tells nothing, or contradicts the map."""
+        self._key_images.forget_last()
         self._misfits = self._misfits + 1 if misfit else self._misfits
         if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
@@ -329,11 +340,9 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             self._T_last_now = np.linalg.inv(self._T_world_camera) @ T_world_camera
         self._T_world_camera, self._T_odometry = T_world_camera, observation.T_world_camera
-        dof = self._basis.shape[1]
-        if found is None:
-            quality = RegistrationQuality(0.0, 0.0, math.nan, 0, dof)
-        else:
-            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
+        quality = RegistrationQuality(0.0, 0.0, math.nan, 0, self._basis.shape[1])
+        if found is not None:
+            quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         usable = usable and self._state is TrackingState.TRACKING

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
+from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.types import Observation
+from anm_mj.protocols import FindsMoved
+from anm_mj.types import Intrinsics, Observation
 
 _EDGE_PX = 2
 """Depth is compared with that of pixels so far away on either side."""
@@ -39,21 +43,75 @@ def draw_points(
         limit = np.maximum(_EDGE_SHARE * depth, _EDGE_DEVIATIONS * math.sqrt(6.0) * noise * depth**2)
         kept &= ~_at_edge(observation.depth_m, row, col, depth, limit)
     row, col, depth = row[kept], col[kept], depth[kept]
-    x = (col + np.float32(0.5) - np.float32(k.cx)) / np.float32(k.fx)
-    y = (row + np.float32(0.5) - np.float32(k.cy)) / np.float32(k.fy)
-    camera = np.stack((x * depth, y * depth, depth), axis=1).astype(np.float32)
+    x, y = _slopes(k, row, col)
     deviation = noise * depth**2 * np.sqrt(1.0 + x**2 + y**2)
     return FramePoints(
-        camera,
+        _in_camera(x, y, depth),
         observation.rgb[row, col].astype(np.float32) / np.float32(255.0),
         (deviation**2).astype(np.float32),
         np.ones(len(depth), np.float32),
     )
 
 
+def grid_points(observation: Observation, count: int) -> Float32[np.ndarray, "n 3"]:
+    """The measured ones of about ``count`` pixels on a regular grid over the image, in the camera's axes [m]."""
+    row, col, x, y = _grid(observation.intrinsics, count)
+    depth = observation.depth_m[row, col]
+    # Comparisons with NaN are false.
+    known = (depth > 0.0) & (depth < np.inf)
+    return _in_camera(x[known], y[known], depth[known])
+
+
+def without_moved(
+    observation: Observation,
+    mapper: FindsMoved,
+    T_world_camera: Float[np.ndarray, "4 4"],
+    basis: Float[np.ndarray, "6 n"],
+    covariance: Float[np.ndarray, "n n"],
+) -> Observation:
+    """The frame without the pixels that moved, as far as a map tells from where the camera may be.
+
+    Args:
+        observation: The frame.
+        mapper: The map.
+        T_world_camera: Where the camera is expected.
+        basis: What displacements the camera may make, see :class:`anm_mj.localisation.registration.Prior`.
+        covariance: Of those.
+    """
+    position_m, rotation_rad = largest_deviations(basis @ covariance @ basis.T)
+    believed = replace(observation, T_world_camera=T_world_camera, position_deviation_m=position_m)
+    return mapper.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
+
+
 def with_trust(points: FramePoints, trusted: Bool[np.ndarray, " n"]) -> FramePoints:
     """The same points, of which some are left out."""
     return FramePoints(points.camera_m, points.rgb, points.variance_m2, points.trust * trusted.astype(np.float32))
+
+
+@functools.lru_cache(maxsize=2)
+def _grid(
+    k: Intrinsics, count: int
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Rows and columns of a regular grid of about ``count`` pixels, and their slopes."""
+    step = max(1.0, math.sqrt(k.width * k.height / count))
+    rows, cols = (np.arange(step / 2, size, step).astype(np.int64) for size in (k.height, k.width))
+    row, col = np.repeat(rows, len(cols)), np.tile(cols, len(rows))
+    return row, col, *_slopes(k, row, col)
+
+
+def _slopes(
+    k: Intrinsics, row: Int64[np.ndarray, " n"], col: Int64[np.ndarray, " n"]
+) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Of the rays through pixels, x / z and y / z."""
+    x = (col + np.float32(0.5) - np.float32(k.cx)) / np.float32(k.fx)
+    y = (row + np.float32(0.5) - np.float32(k.cy)) / np.float32(k.fy)
+    return x, y
+
+
+def _in_camera(
+    x: Float64[np.ndarray, " n"], y: Float64[np.ndarray, " n"], depth: Float32[np.ndarray, " n"]
+) -> Float32[np.ndarray, "n 3"]:
+    return np.stack((x * depth, y * depth, depth), axis=1).astype(np.float32)
 
 
 def _spread(

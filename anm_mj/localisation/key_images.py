@@ -26,6 +26,8 @@ _LITTLE_NOISE_PER_M = 2e-4
 """Sensors with less depth noise give normals from pixel to pixel [1/m]."""
 _RADIUS_PX = 2
 """Depth of others is averaged over squares that reach so far."""
+_MOST_SCALE = 2.0
+"""What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
 
 
@@ -110,6 +112,16 @@ class KeyImages:
         """Without any image."""
         self.config = config
         self.images: list[KeyImage] = []
+        self._last: KeyImage | None = None
+        """Of the last frame whose pose is known."""
+
+    def see(self, observation: Observation, noise_per_m: float) -> None:
+        """Take a frame whose pose is known as the last one, until the next."""
+        self._last = key_image(observation, self.config.longest_px, noise_per_m)
+
+    def forget_last(self) -> None:
+        """The next frame does not follow a known one."""
+        self._last = None
 
     def add(self, observation: Observation, noise_per_m: float) -> None:
         """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square."""
@@ -124,25 +136,26 @@ class KeyImages:
     def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
         """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most."""
         config = self.config
-        if not self.images:
-            return []
-        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        candidates = self._near(T_world_camera)
-        chosen: list[int] = []
-        for k in candidates[:_MOST_TRIED]:
+        near = [self.images[k] for k in self._near(T_world_camera)] if self.images else []
+        own = points.camera_m[::8]
+        world = own @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        chosen: list[KeyImage] = []
+        for image in near[:_MOST_TRIED]:
             if len(chosen) >= config.num_images - 1:
                 break
-            if _share_in(self.images[k], world) >= config.least_overlap:
-                chosen.append(k)
-        latest = candidates[-_LATEST_TRIED:]
+            if _share_in(image, world, own[:, 2]) >= config.least_overlap:
+                chosen.append(image)
+        latest = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
         if latest:
-            chosen.append(max(latest, key=lambda k: _share_in(self.images[k], world)))
-        return [self.images[k] for k in dict.fromkeys(chosen)]
+            best = max(latest, key=lambda image: _share_in(image, world, own[:, 2]))
+            chosen += [best] if all(best.step != image.step for image in chosen) else []
+        return chosen
 
     def shares(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[tuple[float, KeyImage]]:
         """Which share of a frame's points each image shows, of those that were taken near enough."""
-        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        return [(_share_in(self.images[k], world), self.images[k]) for k in self._near(T_world_camera)]
+        own = points.camera_m[::8]
+        world = own @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        return [(_share_in(self.images[k], world, own[:, 2]), self.images[k]) for k in self._near(T_world_camera)]
 
     def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[int]:
         """Images that were taken near a camera, in a like direction."""
@@ -191,8 +204,11 @@ class KeyImages:
         return Sums(full, slope, float(facts[0, 0]), float(facts[0, 2]))
 
 
-def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"]) -> float:
-    """Share of world points that fall into an image and lie on what it shows, not behind."""
+def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: Float[np.ndarray, " n"]) -> float:
+    """Share of a frame's points that an image shows too, not hidden, and at a like scale.
+
+    A pattern that repeats, seen from much farther away, blurs into another one, which draws to a wrong place.
+    """
     seen = (world_m - image.T_world_camera[:3, 3]) @ image.T_world_camera[:3, :3]
     depth = np.maximum(seen[:, 2], 1e-6)
     fx, fy, cx, cy = image.camera
@@ -202,4 +218,6 @@ def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"]) -> float:
     at = row[inside].astype(np.int64), col[inside].astype(np.int64)
     with np.errstate(invalid="ignore"):
         on = np.abs(image.depth_m[at] - depth[inside]) < 0.05 * depth[inside]
+    scale = depth[inside] / own_depth_m[inside]
+    on &= (scale < _MOST_SCALE) & (scale > 1.0 / _MOST_SCALE)
     return float(np.count_nonzero(on)) / max(1, len(world_m))

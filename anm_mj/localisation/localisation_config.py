@@ -55,6 +55,9 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """and tried with so many pixels."""
     retry_gain: float = setting(0.9, at_least=0.0, at_most=1.0)
     """One that costs less than this share is taken."""
+    most_prior: float = setting(9.0, at_least=0.0)
+    """A pose with a larger squared deviation from its prior, in variances per direction of motion, is not believed of
+    one frame."""
     still_m: float = 2e-4
     """The search ends with a step that moves the camera by less [m]."""
     still_rad: float = 2e-4

@@ -209,6 +209,8 @@ def register_from_several(
     few = points.every(max(1, len(points) // config.retry_points))
 
     def cost(found: Registration) -> float:
+        if found.prior_cost > config.most_prior * len(prior.covariance):
+            return np.inf
         at_odds = (contradicted(few, found.T_world_camera), 0.0)
         total = 0.0
         for now, usual, wrong in zip(found.fits, first.fits, at_odds, strict=False):

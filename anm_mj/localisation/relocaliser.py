@@ -208,7 +208,7 @@ class Relocaliser:
 
     def _score(self, points: FramePoints, found: Registration, occupancy: DepthOccupancy) -> float:
         """How well a frame fits where it was registered, in [0, 1]."""
-        fits = agreement(points, found.T_world_camera, occupancy)
+        fits = agreement(points.camera_m, found.T_world_camera, occupancy)
         # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
         certain = min(1.0, fits.known / self.config.relocalisation.least_known)
         # Rooms of one shape are told apart by their colours, which light changes.

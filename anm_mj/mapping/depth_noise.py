@@ -16,6 +16,8 @@ from jaxtyping import Float32, Float64
 
 from anm_mj.sensing.pixel_state import is_measured
 
+EXACT_PER_M = 1e-5
+"""Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]."""
 _LINES = 64
 """So many rows and columns are looked at: the median of some thousand values is good to a few percent."""
 _FIRST_IMAGES, _IMAGE_EVERY = 8, 8

@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.depth_noise import NoiseMean
-from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
+from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
 from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
@@ -62,9 +63,10 @@ class DepthOccupancy:
 
     REBUILT = ("_kernels", "_rays")
 
-    def __init__(self, config: OccupancyConfig) -> None:
+    def __init__(self, config: OccupancyConfig, moving: MovingConfig | None = None) -> None:
         """An empty grid."""
         self.config = config
+        self._moved = MovedVoxels(moving or MovingConfig(), config)
         self._kernels = OccupancyKernels(config)
         shape = (0, 0, 0)
         self.voxels = VoxelArrays(
@@ -112,6 +114,7 @@ class DepthOccupancy:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
         range_m: float = math.inf,
+        moved_m: Float32[np.ndarray, "h w"] | None = None,
     ) -> None:
         """Fuse one depth image: carve what was looked through, then mark what was hit.
 
@@ -121,6 +124,7 @@ class DepthOccupancy:
             intrinsics: The camera.
             T_world_camera: Camera to world.
             range_m: The largest depth that the sensor measures [m].
+            moved_m: Depth of the pixels that show something moved [m], NaN elsewhere; ``depth_m`` has none there.
 
         Raises:
             MapError: The grid would have more than ``MAX_VOXELS``.
@@ -136,17 +140,41 @@ class DepthOccupancy:
             # Axis by axis: a reduction over many rows of three takes several times as long.
             low = np.minimum(low, [axis.min() for axis in voxels.T])
             high = np.maximum(high, [axis.max() for axis in voxels.T])
+        if moved_m is not None:
+            depth_m = np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
+            view = view._replace(depth_m=depth_m)
         if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
             view = view._replace(depth_m=free_space_depth(depth_m, range_m))
             box = self._view_box(view, self.config.carve_range_m)
             # Space that was looked through is known, however far away the next surface lies. The sky above is not kept.
             low[:2], high[:2] = np.minimum(low, box[0])[:2], np.maximum(high, box[1])[:2]
         self._grow(low, high)
+        heavy = self._moved.heavy(self.voxels, self._num_frames)
+        if moved_m is not None:
+            places, _ = self._kernels.hits(view._replace(depth_m=moved_m), phase, stride)
+            self._moved.take(self.voxels, places, self._num_frames)
         low, high = box
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
-        self._kernels.carve(self.voxels, view, low, high, self._num_frames)
+        self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
+
+    def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
+        """See :class:`anm_mj.protocols.FindsMoved`."""
+        self._moved.hold(self.voxels, discs, self._num_frames)
+
+    def release_moved(self) -> bool:
+        """See :class:`anm_mj.protocols.FindsMoved`."""
+        return self._moved.release(self.voxels, self._num_frames)
+
+    def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
+        """The pixels of a frame that show something that was not there before; None for none."""
+        if not self.voxels.state.size:
+            return None
+        view = self._view(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        doubt = depth_doubt(self.noise.value, observation, self.config.carve_range_m)
+        moved = self._kernels.moved(self.voxels, view, doubt, self._moved.config.free_looks)
+        return moved if moved.any() else None
 
     def rebuild(self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]]) -> None:
         """Forget all voxels and fuse these depth images, cameras and poses: what was carved cannot be moved.

@@ -22,6 +22,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Int8, Int32, Int64
 
+from anm_mj.mapping.depth_noise import EXACT_PER_M
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
 from anm_mj.mapping.occupancy_kernels import BLOCK, HALF_DIAGONAL
@@ -37,9 +38,6 @@ NOISE_REACH = 8.0
 near a surface, the farthest is what an obstacle is made of."""
 _NOISE_CHANGE = 1.1
 """All blocks are read again when the noise turns out larger or smaller by this factor."""
-_EXACT_PER_M = 1e-5
-"""Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]. What exact depth
-says stands, and the field is not asked."""
 _READINGS_PER_TURN = 3
 """A block is read as a whole once in so many readings."""
 
@@ -152,7 +150,8 @@ class FieldOccupancy:
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""
         noise = self._by_depth.noise.value
-        noise = 0.0 if noise < _EXACT_PER_M else noise
+        # What exact depth says stands, and the field is not asked.
+        noise = 0.0 if noise < EXACT_PER_M else noise
         if max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m):
             self._noise_per_m = noise
             self._read_frame.fill(0)

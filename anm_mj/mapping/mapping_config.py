@@ -181,6 +181,20 @@ class OccupancyConfig(Settings, group="mapping.occupancy", error=MapError):
 
 
 @dataclass(frozen=True)
+class MovingConfig(Settings, group="mapping.moving", error=MapError):
+    """What the map does about things that move (:mod:`anm_mj.mapping.moved_pixels`)."""
+
+    detect: bool = False
+    """Whether pixels that moved are looked for, and left out; ``--people`` asks for it unless this says otherwise."""
+    free_looks: int = setting(4, at_least=1, at_most=30)
+    """A voxel is surely free after so many frames more looked through it than hit it."""
+    stay: int = setting(1, at_least=1, at_most=127)
+    """Added to a voxel's log-odds for a frame with something moved in it (in tenths): what stays becomes surface."""
+    memory_frames: int = setting(60, at_least=0)
+    """So many frames after something moved, looking through voxels near there counts as much as a hit."""
+
+
+@dataclass(frozen=True)
 class UncertaintyConfig(Settings, group="mapping.uncertainty", error=MapError):
     """How the uncertainty of the map at a point is computed."""
 
@@ -206,6 +220,7 @@ class MappingConfig(Settings, group="mapping", error=MapError):
     optimizer: OptimizerConfig = OptimizerConfig()
     schedule: ScheduleConfig = ScheduleConfig()
     occupancy: OccupancyConfig = OccupancyConfig()
+    moving: MovingConfig = MovingConfig()
     uncertainty: UncertaintyConfig = UncertaintyConfig()
     engine: Literal["auto", "native", "torch", "mlp"] = setting("auto", choices=ENGINES)
     """What computes: "native" (C++ on the CPU), "torch" (any device), or "auto": torch with the device "cuda",

@@ -23,7 +23,7 @@ from anm_mj.mapping.prior_surface import PriorSurface
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import render_view
-from anm_mj.sensing.pixel_state import judge_pixels, valid_pixels
+from anm_mj.sensing.pixel_state import judge_pixels, valid_pixels, without_moved
 from anm_mj.types import (
     Intrinsics,
     MapUpdate,
@@ -83,6 +83,21 @@ class NeuralMap:
         """Whether the field was ever trained; else it says nothing, and only the occupancy means something."""
         return self.field.is_trained
 
+    def find_moved(self, observation: Observation) -> Observation:
+        """The frame with the pixels told apart that show something moved, as far as the map knows by now."""
+        if not self.config.moving.detect:
+            return observation
+        moved = self.occupancy.by_depth.find_moved(judge_pixels(observation))
+        return observation if moved is None else without_moved(observation, moved)
+
+    def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
+        """Take what the last frame showed to move for an obstacle; see the protocol."""
+        self.occupancy.by_depth.hold_moved(discs)
+
+    def release_moved(self) -> bool:
+        """Take nothing that moved for an obstacle any more; whether anything was."""
+        return self.occupancy.by_depth.release_moved()
+
     def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 
@@ -94,7 +109,8 @@ class NeuralMap:
         observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
         by_depth = self.occupancy.by_depth
-        by_depth.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m)
+        view = observation.intrinsics, observation.T_world_camera, observation.range_m
+        by_depth.integrate(observation.depth_m, *view, observation.moved_m)
         if not valid_pixels(observation).any():
             return MapUpdate(math.nan, 0, len(self.field.keyframes))
         self.field.fit_table(by_depth.surface_volume_m3())
@@ -126,6 +142,7 @@ class NeuralMap:
 
     def finish(self) -> int:
         """Train on the keyframes once more, when no frame is to come; the number of iterations."""
+        self.release_moved()
         done = self.field.finish(self.occupancy.by_depth.grid)
         if done:
             self._start_readers()

@@ -18,7 +18,7 @@ class Occupancy:
 
     def __init__(self, config: MappingConfig) -> None:
         """Unknown space only."""
-        self.by_depth = DepthOccupancy(config.occupancy)
+        self.by_depth = DepthOccupancy(config.occupancy, config.moving)
         """What depth alone says, and how often each place was observed."""
         # One network without a grid has geometry that is too coarse to drive by.
         by_field = config.geometry == "field" and config.engine != "mlp"

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt16
+from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
@@ -26,6 +26,16 @@ HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
 """Half the diagonal of a voxel, in voxel edges."""
 MAX_REACH = 4
 """Levels of the footprint pyramid beyond the first; the last spans 33 pixels."""
+
+KNOWN_HITS = 2
+"""A voxel that was hit more often than looked through, by so many frames, holds surface that is known."""
+SUPPORT = 4
+"""Neighbours of a moved pixel that must contradict the grid, too; edges of depth make single pixels that do."""
+REACH_M = 0.6
+"""What hangs together with contradicting pixels counts up to this far from them [m]."""
+APART_M, APART_SHARE = 0.06, 0.03
+"""Neighbouring pixels hang together whose depths differ by less than either."""
+NOWHERE = np.zeros((0, 0), np.uint8)
 
 Voxels = Int64[np.ndarray, "n 3"]
 """x, y, z index of voxels."""
@@ -111,6 +121,7 @@ class OccupancyKernels:
         low: Int64[np.ndarray, "3"],
         high: Int64[np.ndarray, "3"],
         frame: int,
+        heavy: UInt8[np.ndarray, "_ _"] = NOWHERE,
     ) -> None:
         """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint.
 
@@ -120,6 +131,7 @@ class OccupancyKernels:
             low: lowest voxel (x, y, z) of the box that is looked at; within the grid.
             high: the highest one, included.
             frame: number that changed blocks are stamped with.
+            heavy: columns of blocks in which looking through counts as much as a hit; empty for none.
         """
         config, pinhole = self._config, view.intrinsics
         footprint_px = np.float32(FOOTPRINT * config.voxel_m * max(pinhole.fx, pinhole.fy))
@@ -143,7 +155,47 @@ class OccupancyKernels:
             config.limit,
             config.no_depth_is_free,
             frame,
+            heavy,
+            config.hit,
         )
+
+    def moved(
+        self,
+        voxels: VoxelArrays,
+        view: CameraView,
+        doubt: tuple[float, float],
+        free_looks: int,
+    ) -> Bool[np.ndarray, "h w"]:
+        """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`).
+
+        Args:
+            voxels: the grid.
+            view: the image.
+            doubt: by how much depth may be too short: a factor of its square [1/m], and a length [m].
+            free_looks: so many frames more looked through surely free voxels than hit them.
+        """
+        config = self._config
+        matrix, offset = view.to_voxels(config.voxel_m)
+        self._native.bind(*voxels)
+        out = np.empty(view.depth_m.shape, np.uint8)
+        self._native.moved(
+            np.ascontiguousarray(view.depth_m),
+            view.rays,
+            matrix.reshape(-1),
+            offset,
+            config.voxel_m,
+            *doubt,
+            config.hit_range_m,
+            -free_looks * config.miss,
+            KNOWN_HITS * config.hit,
+            SUPPORT,
+            REACH_M,
+            max(view.intrinsics.fx, view.intrinsics.fy),
+            APART_M,
+            APART_SHARE,
+            out,
+        )
+        return out.view(bool)
 
     def mark(self, voxels: VoxelArrays, places: Voxels, depth_m: Float32[np.ndarray, " n"], frame: int) -> None:
         """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near.

@@ -18,6 +18,7 @@ from jaxtyping import Float32
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.covered_before import write_covered_before
 from anm_mj.evaluation.metrics import EpisodeStatistics
+from anm_mj.evaluation.people_metrics import PeopleStatistics
 from anm_mj.events import Decided, Observed, Stepped
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
@@ -94,6 +95,7 @@ class RunRecorder:
         """What the runs that this one goes on from found out; None where it began with nothing."""
         self.collisions: list[Pose2] = []
         self.statistics = EpisodeStatistics()
+        self.people = PeopleStatistics()
         self.evaluation_s = 0.0
 
     def flush(self) -> None:
@@ -142,6 +144,7 @@ class RunRecorder:
         # Only the truth counts as seen, and only where the sensor gave a value.
         true = None if self._true_view is None else self._true_view()
         where = observation if true is None else true
+        self.people.add(observation, true)
         depth_mm = reduce_depth(where.depth_m)
         self.background.submit(lambda: self.log.observation(observation, true, depth_mm, estimate))
         is_lost = estimate is not None and estimate.state is TrackingState.LOST
@@ -160,6 +163,7 @@ class RunRecorder:
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """Record an executed action; ``pose`` is the pose after it."""
         self.statistics = self.statistics.after(result.action, result.collided, result.moved_m, stage_ms)
+        self.people.step(result)
         if result.collided and result.action is Action.MOVE_FORWARD:
             self.collisions.append(pose)
         self.background.submit(lambda: self.log.step(step, result, pose, update, stage_ms))

@@ -112,6 +112,8 @@ class RunLog:
         }
         if true is not None:
             line["true"] = _where(true.pose, true.T_world_camera)
+        if true is not None and true.people is not None:
+            line["people"] = true.people.states
         if estimate is not None:
             line["localisation"] = {
                 "state": estimate.state,

@@ -45,7 +45,7 @@ LEGEND = (
 )
 
 
-TRUTH = ("true", palette.TRUE)
+TRUTH, PEOPLE = ("true", palette.TRUE), ("person", palette.PERSON)
 
 
 class FilmError(AnmError):
@@ -116,7 +116,8 @@ def film_frames(
     surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
     map_panel = MapPanel(*_bounds(timeline, mesh))
     far_m = _far_m(timeline)
-    background = _background((*LEGEND, TRUTH) if timeline.true_xy_m is not None else LEGEND)
+    truth = (TRUTH,) if timeline.true_xy_m is not None else ()
+    background = _background((*LEGEND, *truth, *((PEOPLE,) if run.frames[0].people else ())))
     shown, plan, reason = -1, PlanRecord(EMPTY_PATH), ""
     for index, (frame, rgb) in enumerate(zip(run.frames, pictures(run, scene), strict=True)):
         on_progress(index + 1, total)
@@ -130,10 +131,11 @@ def film_frames(
         trajectory, is_lost = timeline.xy_m[: index + 1], timeline.is_lost[: index + 1]
         true = None if timeline.true_xy_m is None else timeline.true_xy_m[: index + 1]
         ellipse = timeline.ellipse_m(index)
+        people = np.array(frame.people)[:, :2] if frame.people else None
         panels = (
             colour_panel(rgb, frame, run.intrinsics, target),
             depth_panel(run.depth_mm(frame), far_m, run.intrinsics),
-            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse),
+            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse, people),
             surface.draw(index, trajectory, is_lost) if surface else _no_surface(),
         )
         yield np.asarray(_composed(background, panels, timeline.title, _status(timeline, index), reason))

@@ -22,7 +22,7 @@ PANEL_PX = 480
 SUPERSAMPLING = 2
 """Lines are drawn at this multiple of the panel's size, and averaged."""
 MARGIN_M = 0.4
-ROBOT_RADIUS_M = 0.18
+ROBOT_RADIUS_M, PERSON_RADIUS_M = 0.18, 0.25
 TARGET_HEIGHT_M = 0.4
 """Height of the mark of a target in the colour image [m]."""
 NEAR_M = 0.05
@@ -116,6 +116,7 @@ class MapPanel:
         true_xy_m: Float[np.ndarray, "n 2"] | None = None,
         is_lost: Bool[np.ndarray, " n"] | None = None,
         ellipse_m: Float[np.ndarray, "3"] | None = None,
+        people_xy_m: Float[np.ndarray, "p 2"] | None = None,
     ) -> Image.Image:
         """The panel at a frame.
 
@@ -127,6 +128,7 @@ class MapPanel:
             true_xy_m: Where it truly was; None where it believed that.
             is_lost: At which frames it did not know where it was; None = at none.
             ellipse_m: Half axes of its uncertainty [m] and the direction of the longer one [rad].
+            people_xy_m: Where people were, world [m]; None = nobody is drawn.
         """
         image = self._base.copy()
         draw = ImageDraw.Draw(image)
@@ -140,6 +142,10 @@ class MapPanel:
         if target_xy_m is not None:
             ((x, y),) = self._px(target_xy_m[None]).tolist()
             draw.ellipse([x - 11, y - 11, x + 11, y + 11], palette.TARGET, "white", 3)
+        if people_xy_m is not None and len(people_xy_m):
+            radius = max(PERSON_RADIUS_M / self._metres_per_px, 12.0)
+            for x, y in self._px(people_xy_m).tolist():
+                draw.ellipse([x - radius, y - radius, x + radius, y + radius], palette.PERSON, "white", 3)
         if is_lost is None or not is_lost[-1]:
             self._draw_robot(draw, trajectory_xy_m[-1], yaw_rad)
             if ellipse_m is not None:
@@ -151,7 +157,7 @@ class MapPanel:
         if true_xy_m is not None:
             ((x, y),) = self._px(true_xy_m[-1:]).tolist()
             draw.ellipse([x - 6, y - 6, x + 6, y + 6], None, palette.TRUE, 3)
-        return image.reduce(SUPERSAMPLING)
+        return _with_scale(image.reduce(SUPERSAMPLING), self._metres_per_px * SUPERSAMPLING)
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> None:
         ((x, y),) = self._px(xy_m[None]).tolist()
@@ -214,6 +220,19 @@ class SurfacePanel:
             (x, y), r = line[-1], 13
             draw.ellipse([x - r, y - r, x + r, y + r], palette.CAMERA, "white", 3)
         return image.reduce(SUPERSAMPLING)
+
+
+def _with_scale(panel: Image.Image, metres_per_px: float) -> Image.Image:
+    """A panel with a bar of a round length in its corner, at most a third of its width."""
+    most_m = PANEL_PX * metres_per_px / 3.0
+    length_m = max(step * 10.0**power for power in range(-2, 4) for step in (1, 2, 5) if step * 10.0**power <= most_m)
+    right, low = 16 + length_m / metres_per_px, PANEL_PX - 14
+    draw, words = ImageDraw.Draw(panel), f"{length_m:g} m"
+    wide = max(right, 16 + draw.textlength(words, font(13)))
+    draw.rounded_rectangle([8, PANEL_PX - 42, wide + 8, PANEL_PX - 6], 4, "white")
+    draw.line([(16, low - 5), (16, low), (right, low), (right, low - 5)], "black", 2)
+    draw.text(((16 + right) / 2, low - 6), words, "black", font(13), anchor="mb")
+    return panel
 
 
 def _pixel(

@@ -97,6 +97,7 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "cameras": _base64(np.array(cameras, np.float32)),
         "lost": np.flatnonzero(timeline.is_lost).tolist(),
         "truth": None if timeline.true_xy_m is None else _base64(timeline.true_xy_m.astype(np.float32)),
+        "people": [[state[:2] for state in frame.people] for frame in run.frames] if run.frames[0].people else None,
         "ellipses": _ellipses(timeline),
         "plan_of_frame": timeline.plan_of_frame.tolist(),
         "plans": plans,

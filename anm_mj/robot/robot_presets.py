@@ -33,12 +33,11 @@ _NAMES_ELEMENT = ("keyframe", "camera", "left_wheel", "right_wheel")
 
 @dataclass(frozen=True)
 class RobotPreset:
-    """A robot that can be named."""
+    """A robot of this package that others have files of, too."""
 
     name: str
-    title: str
     source: str
-    """Where to download it."""
+    """Where the maker's file is to be had."""
     description: str = ""
     """Its module in the package robot_descriptions; empty = it is not there."""
     files: tuple[str, ...] = ()
@@ -71,7 +70,7 @@ def robot_presets() -> dict[str, RobotPreset]:
 
 def preset_config(robot: str) -> RobotConfig:
     """The settings of a robot by its name, or by the name of its file; the defaults where no preset fits."""
-    preset = _preset(robot)
+    preset = _preset(robot) or next((one for one in robot_presets().values() if robot == one.description), None)
     file = Path(robot)
     if preset is None and file.suffix:
         preset = next((p for p in robot_presets().values() if _matches(file, p)), None)
@@ -90,26 +89,28 @@ def preset_config(robot: str) -> RobotConfig:
 
 
 def robot_path(name_or_file: str) -> Path:
-    """The MJCF file of a robot: builtin, by name, or the user's own by its path.
+    """The MJCF file of a robot, by its path or by name.
 
-    A named robot is looked for in the folders of ``ANM_MJ_ROBOTS``, then fetched by the package robot_descriptions.
+    A named robot is looked for in the folders of ``ANM_MJ_ROBOTS``, then among those of this package, then fetched by
+    the package robot_descriptions.
 
     Raises:
         RobotError: if there is none, with what to install or to give.
     """
-    builtin = MODELS / name_or_file / f"{name_or_file}.xml"
+    preset = _preset(name_or_file)
+    name = preset.name if preset else name_or_file
+    builtin = MODELS / name / f"{name}.xml"
     is_name = Path(name_or_file).name == name_or_file and not Path(name_or_file).suffix
     if is_name and os.path.isfile(builtin):
-        return builtin
+        return (_in_folders(preset) if preset else None) or builtin
     path = Path(name_or_file)
     if os.path.isfile(path):
         return path
     if os.path.isdir(path):
         raise RobotError(f"{name_or_file} is a folder; give the robot's MJCF file in it, as --robot {path}/NAME.xml.")
-    preset = _preset(name_or_file)
     if not is_name:
         raise RobotError(f"There is no robot file {name_or_file}; give an MJCF file or a name: {_known()}.")
-    return (_in_folders(preset) if preset else None) or _fetched(name_or_file, preset)
+    return _fetched(name_or_file)
 
 
 def _preset(name: str) -> RobotPreset | None:
@@ -122,7 +123,7 @@ def _matches(file: Path, preset: RobotPreset) -> bool:
 
 def _known() -> str:
     builtin = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
-    return ", ".join([*builtin, *robot_presets()])
+    return ", ".join(builtin)
 
 
 def robot_folders() -> list[Path]:
@@ -136,23 +137,16 @@ def _in_folders(preset: RobotPreset) -> Path | None:
     return min(found, key=lambda file: (len(file.name), len(str(file)), str(file)), default=None)
 
 
-def _fetched(name: str, preset: RobotPreset | None) -> Path:
-    by_hand = (
-        f"download it from {preset.source} and give its file by --robot PATH, or its folder in {FOLDERS_VARIABLE}"
-        if preset
-        else f"give an MJCF file or a name: {_known()}"
-    )
-    if preset and not preset.description:
-        raise RobotError(f"{preset.title} is not in the package robot_descriptions; {by_hand}.")
+def _fetched(name: str) -> Path:
+    by_hand = f"give an MJCF file or a name: {_known()}"
     try:
         known = importlib.import_module("robot_descriptions").DESCRIPTIONS
     except ImportError as err:
-        what = f"{preset.title} comes with" if preset else f"There is no robot file {name}, and names of"
-        middle = "which is not installed" if preset else "which is not installed, are not known"
         raise RobotError(
-            f"{what} the package robot_descriptions, {middle}: pip install 'anm-mj[robots]', or {by_hand}."
+            f"There is no robot file {name}, and names of the package robot_descriptions, which is not installed, are "
+            f"not known: pip install 'anm-mj[robots]', or {by_hand}."
         ) from err
-    module = preset.description if preset else next((n for n in (name, f"{name}_mj_description") if n in known), "")
+    module = next((n for n in (name, f"{name}_mj_description") if n in known), "")
     if module not in known:
         hint = close_name(name, _known().split(", "))
         raise RobotError(

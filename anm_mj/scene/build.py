@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 
@@ -68,13 +70,15 @@ def build_model(
     robot_hash: str = "",
     prefix: str = "robot/",
     top_m: float | None = None,
+    add: Callable[[mujoco.MjSpec], None] | None = None,
+    added: str = "",
 ) -> mujoco.MjModel:
     """The compiled model of a scene, with a robot attached at the origin if one is given.
 
     A copy of ``robot`` (one root body with a free joint or planar joints) is attached, its names behind ``prefix``.
     ``robot_name`` stands in messages, ``robot_hash`` in the name under which the user's cache folder keeps the models
     of large scenes. The collision boxes are those that a robot ``top_m`` high meets [m]; None = those of the scene's
-    file.
+    file. ``add`` puts more into the scene, and ``added`` names all that it depends on.
 
     Raises:
         SceneError: if the scene cannot be read or compiled.
@@ -86,6 +90,8 @@ def build_model(
         spec = build_spec(scene)
         if top_m is not None and other_boxes:
             replace_boxes(spec, scene, top_m)
+        if add is not None:
+            add(spec)
         if robot is None:
             model = compile_scene(spec, scene)
         else:
@@ -104,4 +110,5 @@ def build_model(
         malloc_trim()
         return model
 
-    return cached_model(scene, f"{robot_hash}:{top_m:.3f}" if other_boxes else robot_hash, prefix, build)
+    made_of = f"{robot_hash}:{top_m:.3f}" if other_boxes else robot_hash
+    return cached_model(scene, made_of + added, prefix, build)

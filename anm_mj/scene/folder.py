@@ -119,13 +119,6 @@ def list_scenes() -> list[Scene]:
     return scenes
 
 
-def default_steps(rooms: int | None) -> int:
-    """The paper's budget for a scene of this many rooms [steps], where neither scene nor user names one."""
-    if rooms is None or rooms <= 5:
-        return 1000
-    return 2000 if rooms < 20 else 10_000
-
-
 def _known_scenes() -> dict[str, Path]:
     """Folders of all named scenes, wherever the program runs: the user's hide builtin ones, these imported ones."""
     folders = [*remembered_folders(), *(folder for root in _scene_roots() for folder in _scene_folders(root))]

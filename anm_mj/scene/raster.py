@@ -170,6 +170,11 @@ def border_labels(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, " n"]
     return np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
 
 
-def label_components(cells: Bool[np.ndarray, "rows cols"]) -> tuple[Int[np.ndarray, "rows cols"], int]:
-    """Number of the 4-connected component of every set cell, from 1, and 0 elsewhere; and how many there are."""
-    return cast(tuple[np.ndarray, int], ndimage.label(cells))
+def label_components(
+    cells: Bool[np.ndarray, "rows cols"], *, diagonal: bool = False
+) -> tuple[Int[np.ndarray, "rows cols"], int]:
+    """Number of the connected component of every set cell, from 1, and 0 elsewhere; and how many there are.
+
+    Cells touch at edges, and with ``diagonal`` at corners as well.
+    """
+    return cast(tuple[np.ndarray, int], ndimage.label(cells, np.ones((3, 3)) if diagonal else None))

@@ -52,6 +52,16 @@ def judge_pixels(observation: Observation, outliers: Bool[np.ndarray, "h w"] | N
     return replace(observation, depth_m=depth_m, pixel_state=state)
 
 
+def without_moved(observation: Observation, moved: Bool[np.ndarray, "h w"]) -> Observation:
+    """The judged frame with the depth of moved pixels apart from the other."""
+    seen = judge_pixels(observation)
+    assert seen.pixel_state is not None
+    nothing = np.float32(np.nan)
+    state = np.where(moved, np.uint8(PixelState.MOVED), seen.pixel_state)
+    depth_m, moved_m = np.where(moved, nothing, seen.depth_m), np.where(moved, seen.depth_m, nothing)
+    return replace(seen, depth_m=depth_m, pixel_state=state, moved_m=moved_m)
+
+
 def valid_pixels(observation: Observation) -> Bool[np.ndarray, "h w"]:
     """The pixels that tell something: how far a surface is, or that there is none within the range."""
     return _state_of(observation) <= PixelState.OUT_OF_RANGE

@@ -5,6 +5,7 @@ This module imports mujoco inside ``make_robot`` only, after the selection of th
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -72,6 +73,9 @@ def make_robot(
     import mujoco
 
     from anm_mj.localisation.odometry import odometer_of
+    from anm_mj.people.crowd import Crowd
+    from anm_mj.people.figures import Figures, add_figures
+    from anm_mj.people.walking_floor import WalkingFloor
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
@@ -83,6 +87,9 @@ def make_robot(
 
     description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint)
+    crowd, people, radius_m = None, config.people, description.footprint.radius_m
+    if people.number:
+        crowd = Crowd(people, WalkingFloor(scene), start.xy_m, radius_m, config.seed)
     model = build_model(
         scene,
         description.spec,
@@ -90,6 +97,8 @@ def make_robot(
         robot_hash=description.hash,
         prefix=_PREFIX,
         top_m=description.footprint.z_max_m,
+        add=None if crowd is None else functools.partial(add_figures, crowd=crowd, seed=config.seed),
+        added="" if crowd is None else f":people {people.number} {config.seed}",
     )
     _require_range(config.sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)
@@ -100,6 +109,8 @@ def make_robot(
     else:
         wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)
     wheels.place(start)
+    if crowd is not None:
+        wheels.move_among(crowd, Figures(model, crowd))
     camera_name = _PREFIX + description.camera
     width, height = config.camera.image_size(config.image_px)
     imager = _imager(
@@ -120,6 +131,7 @@ def make_robot(
         sensor=config.sensor,
         seed=config.seed,
         knows_start=knows_start,
+        crowd=crowd,
     )
 
 

@@ -13,7 +13,8 @@ from anm_mj.errors import RenderError
 from anm_mj.frames import pixel_directions
 from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
 from anm_mj.sim.mipmap import MipmapTextures
-from anm_mj.sim.render_mesh import are_static_meshes, mean_colours, render_mesh, visible_geoms
+from anm_mj.sim.moved_rays import MovedRays
+from anm_mj.sim.render_mesh import are_moved, are_static_meshes, mean_colours, render_mesh, visible_geoms
 from anm_mj.utils.raycast import RayCaster
 
 
@@ -34,7 +35,9 @@ class _RayCamera(Camera):
 
 
 class EmbreeCamera(_RayCamera):
-    """Casts rays with Embree, about as fast for a million triangles as for a thousand; sees static meshes only."""
+    """Casts rays with Embree, about as fast for a million triangles as for a thousand; sees static meshes and
+    people only.
+    """
 
     kind = "embree"
 
@@ -47,6 +50,9 @@ class EmbreeCamera(_RayCamera):
         """
         super().__init__(model, camera_name, width, height)
         geoms = visible_geoms(model)
+        moved = geoms[are_moved(model, geoms)]
+        self._moved = MovedRays(model, moved) if len(moved) else None
+        geoms = geoms[~are_moved(model, geoms)]
         if not len(geoms) or not are_static_meshes(model, geoms).all():
             raise RenderError("Embree sees static meshes only; use MujocoRayCamera or GlCamera for this model.")
         mesh = render_mesh(model, geoms)
@@ -81,6 +87,10 @@ class EmbreeCamera(_RayCamera):
             self._textures.sample(self._mesh.texture[which], uv, self._texels_per_m[which] * pixel_m) / 255.0
         )
         rgb[missed] = 0.0
+        if self._moved is not None:
+            moved_m, colours = self._moved.hits(data, T_world_camera, self._directions)
+            nearer = (moved_m >= self._znear_m) & ~(depth_m <= moved_m)
+            depth_m[nearer], rgb[nearer] = moved_m[nearer], colours[nearer]
         return self._images(rgb, depth_m)
 
 

@@ -38,7 +38,13 @@ def visible_geoms(model: mujoco.MjModel) -> Int[np.ndarray, " n"]:
 
 def are_static_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """True for geoms that are meshes and never move."""
-    return (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid[geoms]] == 0)
+    still = (model.body_weldid[model.geom_bodyid[geoms]] == 0) & ~are_moved(model, geoms)
+    return (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH) & still
+
+
+def are_moved(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """True for geoms that somebody else moves, such as those of people."""
+    return model.body_mocapid[model.geom_bodyid[geoms]] >= 0
 
 
 def render_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> RenderMesh:

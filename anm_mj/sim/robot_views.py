@@ -15,7 +15,6 @@ from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.types import Footprint
 
-SIDES = ("from the front", "from its left", "from above")
 _FOVY_DEG = 12.0
 _RED, _BLUE = (0.85, 0.15, 0.1, 0.45), (0.1, 0.35, 0.9, 1.0)
 _NOTHING = (238, 240, 243)
@@ -29,8 +28,11 @@ def robot_views(
     footprint: Footprint,
     backend: GlBackend,
     size_px: int = 420,
-) -> list[UInt8[np.ndarray, "_ _ 3"]]:
+) -> tuple[list[UInt8[np.ndarray, "_ _ 3"]], float]:
     """The robot on a floor from the front, from its left and from above (x to the right), with its footprint in red.
+
+    Returns the pictures, and how much each shows from side to side at the robot's base [m]. The first two have half the
+    robot's height in the middle.
 
     ``spec``, the robot alone with the top-level body ``root``, is copied; camera axes are x right, y down, z forward.
     """
@@ -57,21 +59,21 @@ def robot_views(
     )
     radius = footprint.radius_m
     world.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[radius, 0.002, 0], pos=[0, 0, 0.001], rgba=_RED, **flat)
+    reach = max(2.2 * radius, footprint.z_max_m, float(T_base_camera[2, 3])) * 1.25
     lens, ahead = T_base_camera[:3, 3], T_base_camera[:3, 2]
     world.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        size=[0.006, 0, 0],
-        fromto=[*lens, *(lens + 0.25 * ahead)],
+        size=[0.005 * reach, 0, 0],
+        fromto=[*lens, *(lens + 0.2 * reach * ahead)],
         rgba=_BLUE,
         **flat,
     )
-    reach = max(2.2 * radius, footprint.z_max_m, float(lens[2])) * 1.15
     distance = reach / 2.0 / math.tan(math.radians(_FOVY_DEG / 2.0))
     middle = max(footprint.z_max_m, float(lens[2])) / 2.0
     for name, pos, xyaxes in (
         ("front", [distance, 0.0, middle], [0, 1, 0, 0, 0, 1]),
         ("left", [0.0, distance, middle], [-1, 0, 0, 0, 0, 1]),
-        ("above", [0.0, 0.0, distance + middle], [1, 0, 0, 0, 1, 0]),
+        ("above", [0.0, 0.0, distance], [1, 0, 0, 0, 1, 0]),
     ):
         camera = world.add_camera(name=f"view_{name}", pos=pos, fovy=_FOVY_DEG)
         camera.alt.type, camera.alt.xyaxes = mujoco.mjtOrientation.mjORIENTATION_XYAXES, xyaxes
@@ -87,4 +89,4 @@ def robot_views(
         with closing(make_camera(model, f"view_{name}", size_px, size_px, cull_face=False, backend=backend)) as camera:
             rgb, depth_m = camera.render(data)
             images.append(np.where(np.isnan(depth_m)[..., None], np.array(_NOTHING, np.uint8), rgb))
-    return images
+    return images, reach

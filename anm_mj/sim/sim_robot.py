@@ -7,16 +7,20 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import pose_matrix, relative_pose
+from anm_mj.frames import pixel_directions, pose_matrix, relative_pose
+from anm_mj.people.crowd import Crowd
+from anm_mj.people.figures import Figures, people_states
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.moved_rays import MovedRays
+from anm_mj.sim.render_mesh import are_moved, visible_geoms
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TruePeople, TrueView, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
@@ -28,7 +32,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("model", "data", "_camera", "_coming", "_spare")
+    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_figures", "_people_rays")
 
     def __init__(
         self,
@@ -42,6 +46,7 @@ class SimRobot:
         sensor: SensorConfig | None = None,
         seed: int = 0,
         knows_start: bool = True,
+        crowd: Crowd | None = None,
     ):
         """Combine the parts.
 
@@ -57,6 +62,7 @@ class SimRobot:
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
             knows_start: whether odometry begins at the true pose; else it begins at zero, wherever the robot stands.
+            crowd: people in the model; None = nobody.
         """
         self.model = model
         self.data = data
@@ -76,10 +82,15 @@ class SimRobot:
         """The last observation, and the exact depth at its time [m]."""
         self.step = 0
         """Number of executed actions, including refused ones, without STOP."""
-        self._coming: list[tuple[Action, mujoco.MjData]] = []
-        """The next actions whose images were begun, and the state after each."""
+        self._coming: list[tuple[Action, mujoco.MjData, Crowd | None]] = []
+        """The next actions whose images were begun, and the state and the people after each."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
+        self._crowd, self._figures, self._people_rays = crowd, None, None
+        if crowd is not None:
+            geoms = visible_geoms(model)
+            self._figures = Figures(model, crowd)
+            self._people_rays = MovedRays(model, geoms[are_moved(model, geoms)])
 
     @property
     def footprint(self) -> Footprint:
@@ -117,8 +128,14 @@ class SimRobot:
         if self._looked is None:
             raise RobotError("There is no view yet; call observe first.")
         seen, exact_m = self._looked
-        depth_m = np.where(is_measured(seen.depth_m), exact_m, np.float32(np.nan))
-        return TrueView(self._drive.pose, self._camera.T_world_camera(self.data), depth_m)
+        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self.data)
+        told = is_measured(seen.depth_m)
+        if self._crowd is None or self._people_rays is None:
+            return TrueView(pose, T_world_camera, np.where(told, exact_m, np.float32(np.nan)))
+        shown = self._people_rays.shown(self.data, T_world_camera, pixel_directions(seen.intrinsics), exact_m)
+        depth_m = np.where(told & ~shown, exact_m, np.float32(np.nan))
+        nearest_m = self._crowd.distance_m(pose.xy_m)
+        return TrueView(pose, T_world_camera, depth_m, TruePeople(people_states(self._crowd), shown, nearest_m))
 
     @property
     def odometry(self) -> Pose2:
@@ -168,19 +185,24 @@ class SimRobot:
         wrong = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
         if wrong is not None:
             self._camera.give_up(wrong)
-            self._spare += [data for _, data in self._coming[wrong:]]
+            self._spare += [data for _, data, _ in self._coming[wrong:]]
             del self._coming[wrong:]
         for number in range(len(self._coming), len(actions)):
             coming = self._spare.pop() if self._spare else mujoco.MjData(self.model)
-            self._drive.anticipate(actions[: number + 1], coming)
+            pose = self._drive.anticipate(actions[: number + 1], coming)
+            crowd = self._coming[-1][2] if self._coming else self._crowd
+            if crowd is not None and self._figures is not None:
+                crowd = crowd.copied()
+                crowd.follow(coming.time, pose.xy_m)
+                self._figures.write(crowd, coming)
             self._update_poses(coming)
-            self._coming.append((actions[number], coming))
+            self._coming.append((actions[number], coming, crowd))
             self._camera.begin(coming)
 
     def _forget_coming(self) -> None:
         if isinstance(self._camera, AheadCamera):
             done = len(self._coming) - self._camera.num_begun
-            self._spare += [data for _, data in self._coming[:done]]
+            self._spare += [data for _, data, _ in self._coming[:done]]
             del self._coming[:done]
 
     def act(self, action: Action) -> ActionResult:
@@ -200,6 +222,9 @@ class SimRobot:
         mujoco.mj_resetData(self.model, self.data)
         self.place(pose)
         self.step = 0
+        if self._crowd is not None and self._figures is not None:
+            self._crowd.restart(pose.xy_m, seed)
+            self._figures.write(self._crowd, self.data)
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s]; ``step`` does not count it.

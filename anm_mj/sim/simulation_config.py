@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, cast
 
 from anm_mj.errors import ConfigError
+from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.sim.sensors.sensor_config import SensorConfig
@@ -46,6 +47,8 @@ class SimulationConfig:
     """Optics and mount of the camera where they differ from the robot's file."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """Errors of camera and odometry."""
+    people: PeopleConfig = field(default_factory=PeopleConfig)
+    """Who walks through the scene."""
 
     def __post_init__(self) -> None:
         """Fill in the settings of the named robot, and check the values.

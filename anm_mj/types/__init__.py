@@ -33,6 +33,7 @@ from anm_mj.types.observation import Intrinsics as Intrinsics
 from anm_mj.types.observation import Observation as Observation
 from anm_mj.types.observation import PixelState as PixelState
 from anm_mj.types.observation import Pose2 as Pose2
+from anm_mj.types.observation import TruePeople as TruePeople
 from anm_mj.types.observation import TrueView as TrueView
 from anm_mj.types.plan import Candidate as Candidate
 from anm_mj.types.plan import Plan as Plan

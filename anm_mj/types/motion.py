@@ -17,12 +17,13 @@ NEAR_TARGET_M = 2 * ARRIVED_M
 
 
 class Action(IntEnum):
-    """One discrete action; every one but STOP costs one step of the budget."""
+    """One discrete action; every one but STOP costs one step of the budget. WAIT lasts as long as a turn."""
 
     STOP = 0
     MOVE_FORWARD = 1
     TURN_LEFT = 2
     TURN_RIGHT = 3
+    WAIT = 4
 
 
 class StopReason(StrEnum):
@@ -111,3 +112,5 @@ class ActionResult:
     """Distance the base moved [m]."""
     fault: StopReason | None = None
     """Why the robot can drive no more, such as TOPPLED; None while it can."""
+    met_person: bool = False
+    """Whether the obstacle was a person."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 
 
 class PixelState(IntEnum):
@@ -20,6 +20,8 @@ class PixelState(IntEnum):
     """Nothing was measured."""
     OUTLIER = 3
     """Something was measured that the pixels beside it contradict."""
+    MOVED = 4
+    """Something was measured that moves, or has just come."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,10 @@ class Pose2:
         return np.array([self.x_m, self.y_m], float)
 
 
+WIDE_M = 0.5
+"""Robots of this width are wide [m]."""
+
+
 @dataclass(frozen=True)
 class Footprint:
     """The space a robot sweeps: an upright cylinder about its base."""
@@ -73,6 +79,11 @@ class Footprint:
     """Lower obstacles do not matter [m]: the robot drives over them."""
     z_max_m: float
     """Height of the robot's top [m]."""
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether common inner doors leave the robot little room."""
+        return 2.0 * self.radius_m >= WIDE_M
 
 
 @dataclass(frozen=True)
@@ -97,10 +108,24 @@ class Observation:
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
     pixel_state: UInt8[np.ndarray, "h w"] | None = None
     """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
+    moved_m: Float32[np.ndarray, "h w"] | None = None
+    """Planar depth of the pixels that moved [m], NaN elsewhere; ``depth_m`` has none there. None where none moved."""
     position_deviation_m: float = 0.0
     """Largest standard deviation of the position along any direction [m]; 0 where nobody estimates it."""
     heading_deviation_rad: float = 0.0
     """That of the rotation about any axis [rad], likewise."""
+
+
+@dataclass(frozen=True)
+class TruePeople:
+    """The people in the scene at an observation; for the evaluation, never for the robot."""
+
+    states: Float[np.ndarray, "n 5"]
+    """x [m], y [m], yaw [rad], phase of the gait [rad], and how far the limbs swing, in [0, 1]."""
+    shown: Bool[np.ndarray, "h w"]
+    """The pixels that show somebody."""
+    nearest_m: float
+    """Between the robot's body and the nearest person's [m]."""
 
 
 @dataclass(frozen=True)
@@ -112,4 +137,6 @@ class TrueView:
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     depth_m: Float32[np.ndarray, "h w"]
-    """Exact planar z where the sensor gave a value [m]; not finite elsewhere."""
+    """Exact planar z where the sensor gave a value [m]; not finite elsewhere, nor where it shows people."""
+    people: TruePeople | None = None
+    """None where nobody is in the scene."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -37,6 +40,13 @@ class ShownFigure(Figure):
 def plain(text: str) -> str:
     """A text for a figure that is drawn as it stands: names hold anything, and matplotlib takes $ for a formula."""
     return text.replace("$", r"\$")
+
+
+def fit_ratio(axes: Axes) -> None:
+    """Let the y axis of ratios [%] end with the ten above the highest curve."""
+    drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines()]
+    highest = max((float(np.nanmax(values)) for values in drawn if np.isfinite(values).any()), default=100.0)
+    axes.set_ylim(0.0, min(100.0, 10.0 * math.ceil((highest + 1.0) / 10.0)))
 
 
 def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE,)) -> list[Path]:

@@ -30,6 +30,7 @@ from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, page_program, script_json
 from anm_mj.viz.file_server import FIRST_PORT
 from anm_mj.viz.page_server import PageServer
+from anm_mj.viz.tint import rgb_of
 
 logger = logging.getLogger(__name__)
 
@@ -153,7 +154,7 @@ class MeshcatViewer:
                 self._show_plan(plan)
                 self._server.say("reason", {"reason": plan.reason})
             if self._server.num_browsers:
-                self._server.say("picture", {"picture": _jpeg(observation.rgb)})
+                self._server.say("picture", {"picture": _jpeg(_with_moved(observation))})
             if isinstance(mapper, Meshable) and self._mesh_is_due(observation.step):
                 self._show_mesh(mapper, observation.step)
         except Exception:
@@ -251,6 +252,14 @@ def _end(event: Ended) -> str:
     """How a run ended; a budget that is used up is the usual end."""
     after = f"after {event.num_steps} steps"
     return f"Done {after}." if event.stop_reason is StopReason.BUDGET else f"Ended {after}: {event.stop_reason}."
+
+
+def _with_moved(observation: Observation) -> UInt8[np.ndarray, "h w 3"]:
+    """The colour image, with moved pixels tinted."""
+    if observation.moved_m is None:
+        return observation.rgb
+    tinted = observation.rgb // 2 + np.array(rgb_of(palette.PERSON), np.uint8) // 2
+    return np.where(np.isfinite(observation.moved_m)[..., None], tinted, observation.rgb)
 
 
 def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:

@@ -15,6 +15,8 @@ ROBOT, CAMERA = "#4a5568", "#2b6ca3"
 START, END = "#1f1f1f", "#2b6ca3"
 RATIO, DISTANCE = "#2b6ca3", "#c8641e"
 SURFACE = "#a8b3bd"
+PERSON = "#b5521b"
+"""People, and in pictures the pixels that moved."""
 GONE, NEW = "#d6277a", "#12908c"
 """Surface that is no more, and surface that was not there, since a prior run."""
 LEGEND = (
@@ -31,8 +33,9 @@ LEGEND = (
 TRUTH_LEGEND = (
     ("truth", "true trajectory", TRUE),
     ("covariance", "2 sigma of the position", PATH),
+    ("people", "people", PERSON),
 )
-"""What a replay adds for a robot that may be wrong about where it is."""
+"""What a replay adds for a robot that may be wrong about where it is, and among people."""
 
 
 def number(colour: str) -> int:

@@ -21,7 +21,7 @@ from matplotlib.transforms import Transform
 
 from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import ShownFigure, plain
+from anm_mj.viz.figure_file import ShownFigure, fit_ratio, plain
 from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
 
 DOTS_PER_INCH = 150
@@ -131,7 +131,8 @@ def curve_figure(
         covered.set_label(f"covered before ({before_ratio:.1f} %)")
         lines.append(covered)
     lines += cm_axes.plot(steps, completion_cm, color=palette.DISTANCE, lw=1.4, ls="-.", label="completion [cm]")
-    ratio_axes.set(title=plain(title), xlabel="step", ylim=(0.0, 100.0), xlim=(0, int(steps.max(initial=1))))
+    ratio_axes.set(title=plain(title), xlabel="step", xlim=(0, int(steps.max(initial=1))))
+    fit_ratio(ratio_axes)
     ratio_axes.set_ylabel("completion ratio [%]", color=palette.RATIO)
     ratio_axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     ratio_axes.grid(alpha=0.3)

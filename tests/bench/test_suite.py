@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.generated_scene import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
+from anm_mj.bench.generated_scene import GeneratedScene, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.suite import suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.errors import SceneError
+from anm_mj.scene.budget import BASE_STEPS, STEPS_PER_M2, default_steps
 from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,7 +21,7 @@ def cache(tmp_path, monkeypatch):
 
 
 def test_every_suite_has_scenes_with_hashes():
-    assert set(suite_names()) == {"smoke", "tune", "test", "large", "open"}
+    assert set(suite_names()) == {"smoke", "tune", "test", "large", "open", "people"}
     seeds = []
     for name in set(suite_names()) - {"open"}:
         sweeps, generated = read_sweeps(suite_file(name))
@@ -66,7 +67,7 @@ def test_an_entry_of_a_scene_of_others_is_checked(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["smoke", "tune", "test", "large"])
+@pytest.mark.parametrize("name", ["smoke", "tune", "test", "large", "people"])
 def test_all_published_scenes_come_out_again(name, cache):
     _, generated = read_sweeps(suite_file(name))
     for wanted in generated.values():
@@ -101,7 +102,7 @@ def test_a_published_scene_comes_out_again(cache, tmp_path):
     entry = f'[[generated]]\nname = "smoke_1"\nrooms = {wanted.rooms}\nseed = {wanted.seed}\n'
     file.write_text('scenes = ["smoke_1"]\npolicies = ["random"]\nbudget = "area"\n' + entry)
     (job,) = read_jobs(file)
-    assert job.steps == area_budget(scene) >= BASE_STEPS + STEPS_PER_M2
+    assert job.steps == default_steps(scene, "area") >= BASE_STEPS + STEPS_PER_M2
     assert job.scene_hash == scene.hash == wanted.hash
 
 
@@ -129,7 +130,7 @@ def test_a_wrong_entry_is_named(text, says, tmp_path):
 
 def test_a_wrong_budget_is_named(tmp_path):
     (tmp_path / "own.toml").write_text('scenes = ["home"]\npolicies = ["random"]\nbudget = "money"\n')
-    with pytest.raises(BenchError, match="rooms, area or both"):
+    with pytest.raises(BenchError, match="scene, area, rooms or both"):
         read_jobs(tmp_path / "own.toml")
 
 

@@ -108,6 +108,9 @@ def test_no_distortion_is_none_and_aliases_are_known():
     assert LensDistortion.of("plumb_bob", (0.0,) * 5) is None
     assert LensDistortion.of("anything", ()) is None
     assert lens_of("fisheye", (0.1,)).model == "equidistant"
+    assert lens_of("fisheye", ()) == lens_of("equidistant", (0.0,))
+    # Without coefficients it is a lens still: an angle of 45 degrees is imaged at pi / 4.
+    np.testing.assert_allclose(lens_of("fisheye", (0.0,) * 4).distorted(np.array([[1.0, 0.0]])), [[math.pi / 4, 0.0]])
     assert lens_of("rational_polynomial", (0.0,) * 8 + (0.1,)).model == "thin_prism"
     assert str(lens_of("plumb_bob", (0.1, 0.0, 0.2))) == "plumb_bob k1 0.1, p1 0.2"
 
@@ -124,3 +127,19 @@ def test_no_distortion_is_none_and_aliases_are_known():
 def test_what_is_unknown_is_refused_by_name(model, coefficients, said):
     with pytest.raises(ValueError, match=said):
         lens_of(model, coefficients)
+
+
+@pytest.mark.parametrize(
+    ("words", "model", "coefficients"),
+    [
+        ("0.1,0,0.2", "plumb_bob", (0.1, 0.0, 0.2, 0.0, 0.0)),
+        ("0.1,0,0,0,0,0.2", "rational_polynomial", (0.1, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0)),
+        ("fisheye,0.1,0.2", "equidistant", (0.1, 0.2, 0.0, 0.0)),
+        ("OPENCV_FISHEYE", "equidistant", (0.0,) * 4),
+        ("thin_prism, 0.1", "thin_prism", (0.1, *(0.0,) * 11)),
+    ],
+)
+def test_a_lens_is_given_in_words(words, model, coefficients):
+    lens = LensDistortion.read(words)
+    assert lens is not None
+    assert (lens.model, lens.coefficients) == (model, coefficients)

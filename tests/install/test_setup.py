@@ -39,7 +39,7 @@ def set_up(tmp_path):
         calls = tmp_path / "calls"
         calls.write_text("")
         path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
-        clean = {name: value for name, value in os.environ.items() if name != "UV_TORCH_BACKEND"}
+        clean = {name: value for name, value in os.environ.items() if name not in ("UV_TORCH_BACKEND", "ANM_MJ_PYTHON")}
         done = subprocess.run(
             ["bash", "scripts/setup.sh"],
             cwd=tmp_path,

@@ -68,6 +68,30 @@ def test_the_oldest_that_shows_enough_is_chosen(room: Room, images: KeyImages) -
     assert [image.step for image in images.overlapping(points, behind.T_world_camera)] in ([], [20])
 
 
+def test_the_last_frame_is_preferred_until_it_is_forgotten(room: Room) -> None:
+    kept = KeyImages(replace(CONFIG, num_images=1))
+    kept.add(room.observe(1.5, 1.5, 0.0, size=128, step=0), 0.0)
+    kept.see(room.observe(1.5, 1.5, 0.3, size=128, step=3), 0.0)
+    frame = room.observe(1.5, 1.5, 0.35, size=128)
+    points = draw_points(frame, 300, 0.0, 8.0, np.random.default_rng(0))
+    assert [image.step for image in kept.overlapping(points, frame.T_world_camera)] == [3]
+    kept.forget_last()
+    assert [image.step for image in kept.overlapping(points, frame.T_world_camera)] == [0]
+
+
+def test_what_was_seen_from_much_farther_away_is_not_alike(room: Room) -> None:
+    # Both look along x at the same wall.
+    kept = KeyImages(replace(CONFIG, most_apart_m=10.0))
+    kept.add(room.observe(0.4, 1.5, 0.0, size=128), 0.0)
+    shares = {}
+    for x in (0.6, 2.6):
+        frame = room.observe(x, 1.5, 0.0, size=128)
+        points = draw_points(frame, 300, 0.0, 8.0, np.random.default_rng(0))
+        shares[x] = kept.shares(points, frame.T_world_camera)[0][0]
+    assert shares[0.6] > 0.5
+    assert shares[2.6] < 0.1
+
+
 @pytest.mark.parametrize("size", [(128, 96), (33, 47)])
 def test_a_reduced_pixel_keeps_its_ray(size: tuple[int, int], room: Room) -> None:
     width, height = size

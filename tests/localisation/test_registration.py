@@ -1,5 +1,7 @@
 """Which of several registrations is believed: with a field of one dimension that has a false minimum."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
@@ -60,3 +62,18 @@ def test_a_pose_that_the_map_contradicts_is_not_taken() -> None:
     arguments = points, prior, align, lambda at: np.ones(len(at), bool), contradicted, CONFIG, None
     best = register_from_several(*arguments, np.random.default_rng(1), first)
     assert best is first
+
+
+def test_a_jump_is_not_taken() -> None:
+    points = frame()
+    T = np.eye(4)
+    T[0, 3] = FALSE_M
+    # The better place is ten standard deviations away.
+    prior = Prior(T, np.diag([0.01**2, 0.01**2, 0.01**2]), PLANAR)
+    first = register(points, prior, align, lambda at: np.ones(len(at), bool), CONFIG)
+    arguments = points, prior, align, lambda at: np.ones(len(at), bool), lambda _points, _T: 0.0
+    rng = np.random.default_rng
+    wide = replace(CONFIG, retry_deviations=8.0, information=5.0)
+    assert register_from_several(*arguments, wide, None, rng(1), first) is first
+    far = register_from_several(*arguments, replace(wide, most_prior=1e6), None, rng(1), first)
+    assert abs(far.T_world_camera[0, 3] - RIGHT_M) < 0.02

@@ -5,7 +5,7 @@ same grid to the last bit.
 """
 
 import numpy as np
-from jaxtyping import Float32, Int64, UInt16
+from jaxtyping import Float32, Int64, UInt8, UInt16
 
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.occupancy_kernels import (
@@ -13,6 +13,7 @@ from anm_mj.mapping.occupancy_kernels import (
     FOOTPRINT,
     HALF_DIAGONAL,
     MAX_REACH,
+    NOWHERE,
     SEEN_RANGE_STEP_M,
     CameraView,
     VoxelArrays,
@@ -57,6 +58,7 @@ class NumpyKernels:
         low: Int64[np.ndarray, "3"],
         high: Int64[np.ndarray, "3"],
         frame: int,
+        heavy: UInt8[np.ndarray, "_ _"] = NOWHERE,
     ) -> None:
         """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint."""
         if (high < low).any():
@@ -91,7 +93,11 @@ class NumpyKernels:
         flat_column = (row + start[1]) * cols + col + start[0]
         flat = (layer + start[2]) * (rows * cols) + flat_column[column]
         log_odds, state = voxels.log_odds.reshape(-1), voxels.state.reshape(-1)
-        value = np.maximum(log_odds[flat], cfg.miss - cfg.limit) - np.int8(cfg.miss)
+        weight = np.full(len(flat), cfg.miss, np.int64)
+        if heavy.size:
+            block_row, block_col = (row + start[1]) // BLOCK, (col + start[0]) // BLOCK
+            weight[heavy[block_row[column], block_col[column]] != 0] = cfg.hit
+        value = (np.maximum(log_odds[flat], weight - cfg.limit) - weight).astype(np.int8)
         log_odds[flat] = value
         carved = np.where(value > 0, np.int8(OCCUPIED), np.int8(FREE))
         _note_change(voxels, flat[carved != state[flat]], frame)

@@ -211,7 +211,7 @@ def seen_by(camera, lens=None):
     if lens is None:
         return walk(camera)
     rays = pixel_directions(camera).astype(float)
-    far = np.linspace(0.0, 50.0, 200_000)
+    far = np.linspace(0.0, lens.farthest(50.0), 200_000)
     bent = np.hypot(rays[..., 0], rays[..., 1])
     rays[..., :2] *= (np.interp(bent, lens.radius(far), far) / np.maximum(bent, 1e-9))[..., None]
     return walk(camera, directions=rays)

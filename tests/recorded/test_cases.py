@@ -10,11 +10,13 @@ import trimesh
 from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions, transform_points
+from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.sequence_check.before_mapping import BeforeMapping
-from tests.recorded.cases import CASES, GIVEN, WALK
-from tests.recorded.walk import to_walls_m
+from tests.recorded import layouts
+from tests.recorded.cases import CASES, GIVEN, WALK, seen_by
+from tests.recorded.walk import CAMERA, to_walls_m
 
 OF_NAME = pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
 
@@ -25,6 +27,14 @@ def to_the_room(T_world_camera):
     assert T[2, 2] > 0.999
     assert abs(T[2, 3]) < 0.03
     return T
+
+
+def seen_to_walls_m(one, T_room_world=np.eye(4)):  # noqa: B008
+    """Distances from the walls of all points that a frame shows."""
+    points = pixel_directions(one.intrinsics) * one.depth_m[..., None].astype(float)
+    known = np.isfinite(one.depth_m)
+    assert known.mean() > 0.5
+    return to_walls_m(transform_points(T_room_world @ one.T_world_camera, points[known]))
 
 
 @OF_NAME
@@ -50,13 +60,20 @@ def test_what_is_brought_is_read_or_refused(case, tmp_path, caplog):
         return
     T = to_the_room(observations[0].T_world_camera)
     for one in observations:
-        points = pixel_directions(one.intrinsics) * one.depth_m[..., None].astype(float)
-        known = np.isfinite(one.depth_m)
-        assert known.mean() > 0.5
-        distance_m = to_walls_m(transform_points(T @ one.T_world_camera, points[known]))
+        distance_m = seen_to_walls_m(one, T)
         # The nearest pixel of a bent image lies up to half a pixel beside the ray.
         assert np.percentile(distance_m, 98) < 0.06
         assert distance_m.mean() < 0.02
+
+
+@pytest.mark.parametrize("words", ["fisheye,-0.002,0.038,-0.036,0.006", "equidistant,0", "0.1,0.02", "0,0,0,0,0,0.05"])
+def test_a_lens_that_is_given_in_words_is_taken_out(tmp_path, words):
+    lens = LensDistortion.read(words)
+    layouts.write_ours(tmp_path / "walk", seen_by(CAMERA, lens))
+    for given, is_right in ((lens, True), (None, False)):
+        sequence, _ = open_sequence(tmp_path / "walk", SequenceOptions(distortion=given))
+        distance_m = np.concatenate([seen_to_walls_m(one) for one in sequence.observations()])
+        assert bool(distance_m.mean() < 0.02) is is_right
 
 
 @pytest.mark.slow

@@ -8,8 +8,9 @@ import pytest
 
 from anm_mj.config import make_config
 from anm_mj.errors import RobotError
+from anm_mj.robot.description import describe_robot
 from anm_mj.robot.robot_config import RobotConfig
-from anm_mj.robot.robot_presets import preset_config, robot_path, robot_presets
+from anm_mj.robot.robot_presets import MODELS, preset_config, robot_path, robot_presets
 from tests.robots import ROVER_XML
 
 
@@ -17,7 +18,29 @@ def test_every_preset_is_valid():
     for name, preset in robot_presets().items():
         assert RobotConfig(**preset.model) == preset_config(name)
         assert preset.source.startswith("https://")
-        assert all(preset_config(alias) == preset_config(name) for alias in preset.aliases)
+        assert all(preset_config(alias) == preset_config(name) for alias in (*preset.aliases, name))
+        assert preset.description in ("", "stretch_3_mj_description")
+        assert preset_config("stretch_3_mj_description") == preset_config("stretch3")
+
+
+@pytest.mark.parametrize(
+    ("name", "radius_m", "track_m", "height_m", "mass_kg"),
+    [
+        ("stretch3", 0.0505, 0.34, 1.41, 24.5),
+        ("turtlebot3_burger", 0.033, 0.16, 0.192, 1.0),
+        ("tb3_waffle_pi", 0.033, 0.287, 0.141, 1.8),
+    ],
+)
+def test_robots_that_the_readme_names_are_there(monkeypatch, name, radius_m, track_m, height_m, mass_kg):
+    monkeypatch.delenv("ANM_MJ_ROBOTS", raising=False)
+    monkeypatch.setitem(sys.modules, "robot_descriptions", None)
+    path = robot_path(name)
+    robot = describe_robot(path, preset_config(name))
+    assert path.is_relative_to(MODELS)
+    assert robot.wheel_radius_m == pytest.approx(radius_m)
+    assert robot.track_m == pytest.approx(track_m)
+    assert robot.footprint.z_max_m == pytest.approx(height_m, abs=0.02)
+    assert robot.mass_kg == pytest.approx(mass_kg, rel=0.02)
 
 
 def test_a_file_gets_the_settings_of_its_name_where_they_fit(tmp_path):
@@ -56,10 +79,8 @@ def test_a_name_that_no_file_can_have_is_no_robot(name):
 def test_without_the_package(monkeypatch):
     monkeypatch.delenv("ANM_MJ_ROBOTS", raising=False)
     monkeypatch.setitem(sys.modules, "robot_descriptions", None)
-    with pytest.raises(RobotError, match=r"not installed: pip install 'anm-mj\[robots\]', or download it from https"):
-        robot_path("stretch3")
-    with pytest.raises(RobotError, match="TurtleBot3 Burger is not in the package robot_descriptions; download it"):
-        robot_path("turtlebot3_burger")
+    with pytest.raises(RobotError, match=r"not installed, are not known: pip install 'anm-mj\[robots\]', or give"):
+        robot_path("rover")
 
 
 def test_with_the_package(monkeypatch):
@@ -75,8 +96,8 @@ def test_with_the_package(monkeypatch):
     with pytest.raises(RobotError, match="arm_description of robot_descriptions has no MJCF file"):
         robot_path("arm_description")
     # Like a failed download: the module cannot be imported.
-    with pytest.raises(RobotError, match=r"could not fetch stretch_3_mj_description .* check the network, or download"):
-        robot_path("stretch3")
+    with pytest.raises(RobotError, match=r"could not fetch stretch_3_mj_description .* check the network, or give"):
+        robot_path("stretch_3_mj_description")
 
 
 @pytest.mark.parametrize(
@@ -107,7 +128,7 @@ def test_a_failed_download_is_one_clear_sentence(monkeypatch, said, reason):
     with pytest.raises(
         RobotError, match=rf"could not fetch stretch_3_mj_description \({reason}\); check the network, or"
     ):
-        robot_path("stretch3")
+        robot_path("stretch_3_mj_description")
 
 
 def test_what_is_no_robot(tmp_path):

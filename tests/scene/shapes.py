@@ -35,6 +35,25 @@ def two_rooms(door_width: float = 0.9) -> trimesh.Trimesh:
     )
 
 
+def shelf_hall() -> trimesh.Trimesh:
+    """A hall of 16 x 12 m, 5 m high, with two rows of shelves of 2.2 m, walls of desks of 1.7 m, and a post."""
+    shelves = []
+    for x, y in ((2.0, 3.0), (9.5, 3.0), (2.0, 6.0), (9.5, 6.0)):
+        posts = [
+            box((x + dx, y + dy, 0.0), (x + dx + 0.06, y + dy + 0.06, 2.2)) for dx in (0, 4.44) for dy in (0, 0.94)
+        ]
+        boards = [box((x, y, z), (x + 4.5, y + 1.0, z + 0.03)) for z in (0.2, 1.0, 1.7, 2.17)]
+        goods = [
+            box((x + dx, y + 0.1, z), (x + dx + 1.0, y + 0.9, z + 0.45)) for dx in (0.3, 2.5) for z in (1.03, 1.73)
+        ]
+        shelves += [*posts, *boards, *goods]
+    desks = [box((x, 9.0, 0.0), (x + 0.05, 12.0, 1.7)) for x in (3.0, 6.0, 9.0)]
+    fronts = [box((x, 9.0, 0.0), (x + 2.0, 9.05, 1.7)) for x in (0.0, 3.0, 6.0)]
+    return trimesh.util.concatenate(
+        [room(16.0, 12.0, 5.0), *shelves, *desks, *fronts, box((8.0, 1.5, 0.0), (8.3, 1.8, 5.0))]
+    )
+
+
 def table(x: float, y: float, leg: float = 0.04) -> trimesh.Trimesh:
     """A table top of 1.2 x 0.8 m at 0.75 m on four legs, the corner of one at (x, y)."""
     legs = [box((x + dx, y + dy, 0.0), (x + dx + leg, y + dy + leg, 0.72)) for dx in (0.0, 1.16) for dy in (0.0, 0.76)]

@@ -11,7 +11,7 @@ from anm_mj.scene.room_segmentation import segment_rooms
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
-from tests.scene.shapes import box, room, table, two_rooms
+from tests.scene.shapes import box, room, shelf_hall, table, two_rooms
 
 
 def _plan(mesh: trimesh.Trimesh):
@@ -41,8 +41,19 @@ def test_a_doorway_parts_two_rooms_and_is_measured(width_m):
     assert door.fits
 
 
-def test_a_wide_opening_is_no_door():
-    assert len(_plan(two_rooms(2.0)).area_m2) == 1
+def test_a_wide_opening_is_a_door_below_a_lintel_only():
+    walls = two_rooms(2.0).split(only_watertight=False)
+    open_to_the_ceiling = trimesh.util.concatenate([piece for piece in walls if piece.bounds[0, 2] != 2.05])
+    assert len(walls) == len(open_to_the_ceiling.split(only_watertight=False)) + 1
+    (door,) = _plan(two_rooms(2.0)).doors
+    assert door.width_m == pytest.approx(2.0, abs=0.08)
+    assert len(_plan(open_to_the_ceiling).area_m2) == 1
+
+
+def test_shelves_and_low_walls_divide_no_hall():
+    plan = _plan(shelf_hall())
+    assert plan.area_m2 == pytest.approx((192.0,), rel=0.05)
+    assert not plan.doors
 
 
 def test_a_room_out_of_reach_does_not_count():

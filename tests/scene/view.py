@@ -32,3 +32,9 @@ def look(
             renderer.scene.flags[flag] = 0
         renderer.update_scene(data, "eye", option)
         return renderer.render().copy()
+
+
+def is_shade_of(seen: np.ndarray, colour: tuple[int, int, int]) -> bool:
+    """Whether a pixel has a colour as :mod:`anm_mj.scene.importing.shading` darkens it."""
+    share = float(seen.max()) / max(colour)
+    return 0.55 <= share <= 1.01 and bool(np.abs(seen - share * np.array(colour)).max() <= 2.0)

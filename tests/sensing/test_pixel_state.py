@@ -126,7 +126,7 @@ def test_a_judged_frame_says_what_each_pixel_is_and_is_judged_once():
     outliers[1, 2] = True
     seen = replace(seen, depth_m=view)
     judged = judge_pixels(seen, outliers)
-    measured, far, lost, outlier = PixelState
+    measured, far, lost, outlier, _ = PixelState
     np.testing.assert_array_equal(judged.pixel_state[:2, :3], [[measured, far, lost], [lost, lost, outlier]])
     np.testing.assert_array_equal(judged.depth_m[:2, :3], [[1.0, np.inf, np.nan], [np.nan] * 3])
     np.testing.assert_array_equal(valid_pixels(judged)[:2, :3], [[True, True, False], [False] * 3])

@@ -20,6 +20,7 @@ from anm_mj.scene.importing.readers.import_limits import check_spread
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
+from anm_mj.scene.importing.shading import shaded
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
 from anm_mj.scene.importing.stray_parts import split_stray
 from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
@@ -120,7 +121,7 @@ def place(parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | 
     )
     world = _lowered(world, floor_m)
     apart = [movable.part for movable in world.movables]
-    world = replace(world, submeshes=merge_alike(limit_textures(with_area(world.submeshes)), apart))
+    world = replace(world, submeshes=merge_alike(limit_textures(shaded(with_area(world.submeshes))), apart))
     lowered = tuple(storey.lowered(floor_m) for storey in storeys)
     return Placed(info, world, tuple(leaves), lowered, choice.storey is not None)
 

@@ -48,6 +48,7 @@ class KinematicDrive(WheelDrive):
         # The limits only set the simulated time.
         super().__init__(model, data, description, MotionLimits(), odometer, prefix, period_s=_LOOK_PERIOD_S)
         self._clearance = clearance
+        self._met_person = False
         self._model, self._prefix = model, prefix
         self._ahead: list[tuple[mujoco.MjData, SimulatedBase | PlanarBase]] = []
         """The base in other data, wherever it was asked for."""
@@ -66,19 +67,25 @@ class KinematicDrive(WheelDrive):
         forward_m, turn_rad = action_motion(action)
         duration_s = action_profile(action, self._limits).duration_s
         if not self._roll(forward_m, turn_rad, duration_s):
-            return ActionResult(action, collided=True, wheel_speeds=STILL, moved_m=0.0)
+            return ActionResult(action, True, STILL, 0.0, met_person=self._met_person)
         speeds = self._kinematics.wheel_speeds(forward_m / duration_s, turn_rad / duration_s)
         return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=abs(forward_m))
 
-    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
-        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
+    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> Pose2:
+        """Write positions and time after some actions into other data of the same model, as if nothing were in the way.
+
+        Returns:
+            The pose of the base then.
+        """
         base = next((base for known, base in self._ahead if known is data), None)
         if base is None:
             base = simulated_base(self._model, data, self._prefix, self._description)
             self._ahead.append((data, base))
-        data.qpos[:] = self._data.qpos
+        data.qpos[:], data.time = self._data.qpos, self._data.time
         for action in actions:
             self._move(base, *action_motion(action))
+            data.time += action_profile(action, self._limits).duration_s
+        return base.pose
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Roll at a constant velocity for a time [s], all of it or nothing.
@@ -107,11 +114,20 @@ class KinematicDrive(WheelDrive):
     def _roll(self, forward_m: float, turn_rad: float, duration_s: float) -> bool:
         """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way."""
         self._data.time += duration_s
-        if forward_m and self._clearance.sweep_collides(self._base.pose, forward_m, turn_rad):
-            return False
-        self._move(self._base, forward_m, turn_rad)
-        self._odometer.update(self._base.wheel_angles_rad)
-        return True
+        self._met_person = False
+        free = not forward_m or not self._is_in_the_way(forward_m, turn_rad)
+        if free:
+            self._move(self._base, forward_m, turn_rad)
+            self._odometer.update(self._base.wheel_angles_rad)
+        self._pass_time()
+        return free
+
+    def _is_in_the_way(self, forward_m: float, turn_rad: float) -> bool:
+        """Whether a motion from the present pose meets an obstacle or a person."""
+        pose = self._base.pose
+        end_m = move_pose(pose, forward_m, turn_rad).xy_m
+        self._met_person = self._crowd is not None and self._crowd.touches(pose.xy_m, end_m)
+        return self._met_person or self._clearance.sweep_collides(pose, forward_m, turn_rad)
 
     def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:
         pose = base.pose

@@ -49,6 +49,8 @@ _LAG_M = 0.02
 """A larger distance to the reference while driving at a velocity means a collision or a push [m]."""
 _PUSHED_M = 0.005
 """A larger sideways distance to the reference means a push from the side [m]."""
+_MET_M = 0.03
+"""A collision nearer than this to a person is one with them [m]."""
 _TOPPLED_RAD = math.radians(30.0)
 """A base that tilts by more has fallen over [rad]."""
 
@@ -138,6 +140,7 @@ class PhysicsDrive(WheelDrive):
             collided=collided,
             wheel_speeds=self._mean_speeds(start_s, start_angles),
             moved_m=_distance_m(start, end),
+            met_person=collided and self._crowd is not None and self._crowd.distance_m(end.xy_m) < _MET_M,
             fault=self._fault(
                 failed=collided or off_m > _PUSHED_M,
                 driven_rad=self._kinematics.wheel_motion(*action_motion(action)),
@@ -243,6 +246,7 @@ class PhysicsDrive(WheelDrive):
         speeds = self._servo.speeds(self._base.pose, reference)
         self._data.ctrl[self._motors] = self._signs * np.repeat(speeds, len(self._signs) // len(speeds))
         self._touched |= self._servo.is_near_obstacle
+        self._pass_time()
         for _ in range(_SUBSTEPS):
             mujoco.mj_step(self._model, self._data)
             if forward and self._contacts.blocks(self._base.pose.yaw_rad):
@@ -258,6 +262,7 @@ class PhysicsDrive(WheelDrive):
     def _halt(self) -> None:
         self._data.ctrl[self._motors] = 0.0
         for _ in range(math.ceil(_SETTLE_S / self._period_s)):
+            self._pass_time()
             mujoco.mj_step(self._model, self._data, nstep=_SUBSTEPS)
             self._odometer.update(self._base.wheel_angles_rad)
         self._reference, self._twist = self._base.pose, _STANDING

@@ -12,6 +12,8 @@ from anm_mj.control.action_motion import MotionLimits
 from anm_mj.control.look_at import LookAt, PlanarLookAt
 from anm_mj.errors import RobotError
 from anm_mj.localisation.odometry import Odometer, odometer_of
+from anm_mj.people.crowd import Crowd
+from anm_mj.people.figures import Figures
 from anm_mj.robot.base_joints import simulated_base
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
@@ -23,7 +25,7 @@ STILL = WheelSpeeds(0.0, 0.0)
 class WheelDrive:
     """A base in a simulation; the subclasses move it."""
 
-    REBUILT = ("_data", "_base", "_kinematics", "_description", "_look_at")
+    REBUILT = ("_data", "_base", "_kinematics", "_description", "_look_at", "_figures")
 
     def __init__(
         self,
@@ -59,6 +61,13 @@ class WheelDrive:
         self._description = description
         self._period_s = period_s
         self._look_at: LookAt | None = None
+        self._crowd: Crowd | None = None
+        self._figures: Figures | None = None
+
+    def move_among(self, crowd: Crowd, figures: Figures) -> None:
+        """Let people move on as time passes from now on; they are obstacles."""
+        self._crowd, self._figures = crowd, figures
+        figures.write(crowd, self._data)
 
     @property
     def pose(self) -> Pose2:
@@ -69,6 +78,12 @@ class WheelDrive:
     def odometry(self) -> Pose2:
         """Pose of the base by wheel odometry; slip and encoder noise make it drift."""
         return self._odometer.pose
+
+    def _pass_time(self) -> None:
+        """Let people move on to the present time of the simulation."""
+        if self._crowd is not None and self._crowd.follow(self._data.time, self._base.pose.xy_m):
+            assert self._figures is not None
+            self._figures.write(self._crowd, self._data)
 
     def _look_at_controller(self) -> LookAt:
         """The look-at controller at rest; made at the first call."""

@@ -87,6 +87,13 @@
   nose.position.set(body.radius + 0.03, 0, body.height);
   robot.add(nose);
 
+  const people = data.people ? add("people", new THREE.Group()) : null;
+  for (const _ of data.people ? data.people[0] : []) {
+    const figure = new THREE.Mesh(new THREE.CylinderGeometry(0.16, 0.25, 1.7, 24), solid(colours.people));
+    figure.rotation.x = Math.PI / 2;
+    people.add(figure);
+  }
+
   const camera = add("camera", new THREE.Group());
   const corners = data.frustum, spokes = [];
   for (let i = 0; i < 4; i++) spokes.push(0, 0, 0, ...corners[i], ...corners[i], ...corners[(i + 1) % 4]);
@@ -169,6 +176,7 @@
     const yaw = poses[3 * frame + 2];
     robot.position.set(poses[3 * frame], poses[3 * frame + 1], 0);
     robot.rotation.z = yaw;
+    if (people) data.people[frame].forEach(([x, y], k) => people.children[k].position.set(x, y, 0.85));
     camera.matrixAutoUpdate = false;
     camera.matrix.fromArray(cameras, 16 * frame);
     camera.matrixWorldNeedsUpdate = true;

@@ -13,7 +13,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from tests.scene.shapes import room, table, to_y_up
-from tests.scene.view import look
+from tests.scene.view import is_shade_of, look
 
 RED, GREEN, BLUE, YELLOW = (200, 30, 30), (30, 180, 30), (40, 40, 220), (230, 220, 30)
 
@@ -182,7 +182,7 @@ def test_a_quad_ply_is_read_with_colours(tmp_path):
     scene = import_scene(tmp_path / "mesh.ply", tmp_path / "out")
     assert scene.num_triangles == 12
     assert np.allclose(scene.bounds_m, [[0, 0, 0], [5, 4, 2.5]], atol=1e-5)
-    assert _close(look(scene, (2.0, 2.0, 1.0), (1.0, 0.0, 0.0))[32, 32], (200, 100, 50))
+    assert is_shade_of(look(scene, (2.0, 2.0, 1.0), (1.0, 0.0, 0.0))[32, 32], (200, 100, 50))
 
 
 def test_the_same_file_gives_the_same_folder(tmp_path):

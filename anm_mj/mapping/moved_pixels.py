@@ -1,0 +1,125 @@
+"""Which pixels of a frame show something that moves, decided by what the occupancy grid knows, and what follows of it.
+
+Space that was looked through often enough is surely free. What is measured there has come since, and so has what hangs
+together with it in the image, unless the grid knows surface there (free space as evidence: Schmid et al., Dynablox,
+RA-L 2023; growth in the image: Palazzolo et al., ReFusion, IROS 2019). No detector has to know what it is.
+
+A pixel counts as moved only if all space that its depth may be too short by is free, too: by the noise learnt from the
+images and by how unsure the pose is. Moved pixels mark no surface. They raise the log-odds of their voxels more slowly
+than looking through lowers them, so that what stays becomes surface after a while. Where something moves, looking
+through voxels counts as much as a hit: what was marked before it was known to move is freed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int64, UInt8
+
+from anm_mj.mapping.depth_noise import EXACT_PER_M
+from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
+from anm_mj.mapping.occupancy_kernels import BLOCK, NOWHERE, VoxelArrays
+from anm_mj.types import FREE, OCCUPIED, Observation
+
+NOISE_REACH = 4.0
+"""Depth may be too short by so many standard deviations."""
+_HELD_M = 0.1, 1.5
+"""Heights up to which what is held is an obstacle [m]."""
+
+
+class MovedVoxels:
+    """Remembers where something moved lately, and what of it is taken for an obstacle."""
+
+    def __init__(self, config: MovingConfig, occupancy: OccupancyConfig) -> None:
+        self.config, self._occupancy = config, occupancy
+        self._last: dict[tuple[int, int], int] = {}
+        """Frame in which something moved in a column of blocks, by its x and y in blocks of the world."""
+        self._newest: Int64[np.ndarray, "n 3"] = np.zeros((0, 3), np.int64)
+        """Where something moved in the last frame that showed any, by x, y and z index."""
+        self._held: Int64[np.ndarray, "m 3"] = self._newest
+
+    def take(self, voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int) -> None:
+        """Note that something moved in voxels, given by x, y and z index; what stays there becomes surface."""
+        self._newest = np.unique(places, axis=0)
+        columns = np.unique(self._newest[:, :2] // BLOCK, axis=0).tolist()
+        new = [column for column in columns if tuple(column) not in self._last]
+        self._last |= {(x, y): frame for x, y in columns}
+        if new:
+            self._begin(voxels, np.array(new))
+        _, cells = voxels.cells_of(self._newest)
+        raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + self.config.stay, self._occupancy.limit)
+        # What nobody has looked through holds no evidence to be outweighed.
+        known = voxels.log_odds[cells] < 0
+        cells = tuple(axis[known] for axis in cells)
+        voxels.log_odds[cells] = raised[known].astype(np.int8)
+        layer, row, col = (axis[raised[known] >= 0] for axis in cells)
+        voxels.log_odds[layer, row, col] = self._occupancy.hit
+        voxels.state[layer, row, col] = OCCUPIED
+        voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+
+    def _begin(self, voxels: VoxelArrays, columns: Int64[np.ndarray, "n 2"]) -> None:
+        """Something comes into columns of blocks: what is surely free there is so however often it was looked at.
+
+        Else what stays would become surface the sooner, the less often the place was seen before.
+        """
+        keys = self._newest[:, 0] // BLOCK, self._newest[:, 1] // BLOCK
+        fresh = (keys[0][:, None] == columns[:, 0]) & (keys[1][:, None] == columns[:, 1])
+        _, cells = voxels.cells_of(self._newest[fresh.any(axis=1)])
+        free = voxels.log_odds[cells] <= -self.config.free_looks * self._occupancy.miss
+        voxels.log_odds[tuple(axis[free] for axis in cells)] = -self._occupancy.limit
+
+    def hold(self, voxels: VoxelArrays, discs: Float[np.ndarray, "n 3"], frame: int) -> None:
+        """Take what moved last for an obstacle, and discs about x and y with a radius [m]; looking through frees it."""
+        edge = self._occupancy.voxel_m
+        low, high = (round(height / edge) for height in _HELD_M)
+        held = [self._newest]
+        for x, y, radius in discs / edge:
+            reach = math.ceil(radius)
+            column = np.mgrid[-reach : reach + 1, -reach : reach + 1, low : high + 1].reshape(3, -1).T
+            held.append((column + np.rint([x, y, 0.0]).astype(np.int64))[np.hypot(*column[:, :2].T) <= radius])
+        self._held = np.unique(np.concatenate((self._held, *held)), axis=0)
+        self._set(voxels, self._held, frame, FREE, OCCUPIED)
+
+    def release(self, voxels: VoxelArrays, frame: int) -> bool:
+        """Take what was held for an obstacle for free space; whether any was left."""
+        found = self._set(voxels, self._held, frame, OCCUPIED, FREE)
+        self._held = self._held[:0]
+        return found
+
+    @staticmethod
+    def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:
+        """Change the states of places whose log-odds say free, and keep those; whether there were any."""
+        _, (layer, row, col) = voxels.cells_of(places)
+        chosen = (voxels.log_odds[layer, row, col] < 0) & (voxels.state[layer, row, col] == old)
+        layer, row, col = layer[chosen], row[chosen], col[chosen]
+        voxels.state[layer, row, col] = state
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        return bool(chosen.any())
+
+    def heavy(self, voxels: VoxelArrays, frame: int) -> UInt8[np.ndarray, "block_rows block_cols"]:
+        """Columns of a grid's blocks in which something moved in the last frames; empty for none."""
+        oldest = frame - self.config.memory_frames
+        self._last = {place: last for place, last in self._last.items() if last >= oldest}
+        if not self._last:
+            return NOWHERE
+        found = np.zeros(voxels.column_version.shape, np.uint8)
+        for x, y in self._last:
+            row, col = y - int(voxels.corner[1]) // BLOCK, x - int(voxels.corner[0]) // BLOCK
+            # A step leads into the next block.
+            found[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = 1
+        return found
+
+
+def depth_doubt(noise_per_m: float, observation: Observation, range_m: float) -> tuple[float, float]:
+    """By how much a measured depth may be too short: a factor of its square [1/m], and a length [m].
+
+    Args:
+        noise_per_m: the sensor's, as :mod:`anm_mj.mapping.depth_noise` has it; infinite where nobody knows.
+        observation: says how sure the pose is.
+        range_m: depth at which its rotation counts [m].
+    """
+    noise = 0.0 if noise_per_m < EXACT_PER_M or not math.isfinite(noise_per_m) else noise_per_m
+    pose_m = math.hypot(observation.position_deviation_m, observation.heading_deviation_rad * range_m)
+    return NOISE_REACH * noise, NOISE_REACH * pose_m

@@ -1,0 +1,259 @@
+"""People who walk from place to place, around the robot and each other.
+
+Each walks along a path to a place drawn from the seed, stands there for a while, and goes on. On the way a social force
+(Helbing and Molnar, Physical Review E 51, 1995) drives it along the path and pushes it away from walls, other people
+and the robot: exponentials of the distance between bodies as in Helbing, Farkas and Vicsek (Nature 407, 2000), weaker
+for what lies behind (Johansson, Helbing and Shukla, Advances in Complex Systems 10, 2007). A step that would touch
+somebody is not made, so people never walk into the robot. Where each goes, and for how long it stands, depends on the
+seed alone; the way there on who else is in it.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.errors import SceneError
+from anm_mj.people.people_config import PeopleConfig
+from anm_mj.people.walking_floor import BODY, WalkingFloor
+
+PERIOD_S = 0.1
+"""People move in periods of this length [s]."""
+_RELAXATION_S = 0.5
+_PUSH_MPS2, _PUSH_M = 7.0, 0.3
+"""Strength and reach of the force between people: the potential of Helbing and Molnar."""
+_WALL_MPS2, _WALL_M = 10.0, 0.08
+_BEHIND = 0.2
+"""Share of a force that comes from straight behind."""
+_ASIDE_RAD = math.radians(20.0)
+"""People give way to their right: a force from straight ahead would only stop both."""
+_AHEAD_M, _ARRIVED_M = 0.5, 0.3
+_FASTEST_SHARE = 1.3
+_STUCK_S = 5.0
+"""Who gets nowhere for so long chooses another place."""
+_NEAREST_GOAL_M = 2.0
+_ROBOT_START_M, _APART_M = 1.5, 0.8
+"""Nobody starts nearer than this to the robot, and to another one."""
+_FOLLOW_M = 1.2
+"""Who follows the robot keeps this distance [m]."""
+_TRIES = 200
+_STRIDE_PER_HEIGHT = 0.75
+"""Length of a stride, two steps, as a share of the height."""
+
+
+class Crowd:
+    """The people of a scene as they move; a copy moves on by itself."""
+
+    REBUILT = ("config", "floor")
+
+    def __init__(
+        self,
+        config: PeopleConfig,
+        floor: WalkingFloor,
+        robot_xy_m: Float[np.ndarray, "2"],
+        robot_radius_m: float,
+        seed: int,
+    ) -> None:
+        """Place everybody.
+
+        Args:
+            config: how many, and how they walk.
+            floor: where they walk.
+            robot_xy_m: where the robot starts [m].
+            robot_radius_m: of its body [m].
+            seed: of all that is random about them.
+
+        Raises:
+            SceneError: the floor has no room for so many.
+        """
+        self.config, self.floor = config, floor
+        self._robot_radius_m = robot_radius_m
+        self.height_m = np.random.default_rng([seed, 86]).uniform(1.5, 1.9, config.number)
+        self._seed = seed
+        self.restart(robot_xy_m)
+
+    def restart(self, robot_xy_m: Float[np.ndarray, "2"], seed: int | None = None) -> None:
+        """Place the same people anew at time 0, as of :meth:`__init__`; None = with the seed of before."""
+        config, count = self.config, self.config.number
+        self._seed = self._seed if seed is None else seed
+        random = np.random.default_rng([self._seed, 83])
+        self._num_periods = 0
+        self._speed_mps = random.uniform(config.slowest_mps, config.fastest_mps, count)
+        self.xy_m = self._places(robot_xy_m, random)
+        """Where everybody is [m]."""
+        self.yaw_rad = random.uniform(-math.pi, math.pi, count)
+        self.phase_rad = random.uniform(0.0, math.tau, count)
+        """Of the gait: the left leg is foremost at a quarter of a turn."""
+        self.swing = np.zeros(count)
+        """How far the limbs swing, as a share of a fast walk's."""
+        self._velocity_mps = np.zeros((count, 2))
+        self._num_goals = np.zeros(count, np.int64)
+        self._stand_until_s = random.uniform(0.0, max(config.longest_stand_s, 1e-9), count)
+        self._progress_s = np.zeros(count)
+        """When each was last seen to get on."""
+        self._path: list[Float[np.ndarray, "k 2"]] = [self.xy_m[i : i + 1].copy() for i in range(count)]
+        if config.blocked_s > 0.0 and count:
+            self.xy_m[0] = self.floor.doorway(robot_xy_m)
+            self._stand_until_s[0] = config.blocked_s
+
+    def copied(self) -> Crowd:
+        """The same people, to move on by themselves."""
+        other = copy.copy(self)
+        for name in ("xy_m", "yaw_rad", "phase_rad", "swing", "_velocity_mps", "_num_goals", "_stand_until_s"):
+            setattr(other, name, getattr(self, name).copy())
+        other._progress_s, other._path = self._progress_s.copy(), list(self._path)
+        return other
+
+    def _places(self, robot_xy_m: Float[np.ndarray, "2"], random: np.random.Generator) -> Float[np.ndarray, "n 2"]:
+        places, found = self.floor.places_m, [robot_xy_m]
+        for _ in range(self.config.number):
+            for _ in range(_TRIES):
+                place = places[random.integers(len(places))]
+                away_m = np.linalg.norm(np.array(found) - place, axis=1)
+                if away_m[0] >= _ROBOT_START_M and (away_m[1:] >= _APART_M).all():
+                    found.append(place)
+                    break
+            else:
+                raise SceneError(
+                    f"people.number is {self.config.number}, but the floor has room for {len(found) - 1} at "
+                    f"{_APART_M:g} m from each other and {_ROBOT_START_M:g} m from the robot; give fewer people."
+                )
+        return np.array(found[1:], float).reshape(-1, 2)
+
+    def follow(self, time_s: float, robot_xy_m: Float[np.ndarray, "2"]) -> bool:
+        """Move on up to a time of the simulation [s], while the robot stands at a place [m]; whether anybody moved."""
+        before = self._num_periods
+        while (self._num_periods + 1) * PERIOD_S <= time_s + 1e-9:
+            self._num_periods += 1
+            for one in range(len(self.xy_m)):
+                self._move(one, robot_xy_m)
+        return self._num_periods > before
+
+    def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> bool:
+        """Whether the robot would touch somebody on a straight line, and come nearer to them by it."""
+        if not len(self.xy_m):
+            return False
+        along = end_m - start_m
+        share = ((self.xy_m - start_m) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
+        nearest_m = np.linalg.norm(self.xy_m - start_m - share[:, None] * along, axis=1)
+        now_m = np.linalg.norm(self.xy_m - start_m, axis=1)
+        return bool(((nearest_m < self._robot_radius_m + BODY.radius_m) & (nearest_m < now_m - 1e-6)).any())
+
+    def distance_m(self, robot_xy_m: Float[np.ndarray, "2"]) -> float:
+        """Between the robot's body and the nearest person's [m]; infinite without people."""
+        away_m = np.linalg.norm(self.xy_m - robot_xy_m, axis=1)
+        return float(away_m.min(initial=math.inf)) - self._robot_radius_m - BODY.radius_m
+
+    def _move(self, one: int, robot_xy_m: Float[np.ndarray, "2"]) -> None:
+        """One period of one person."""
+        x, y = self.xy_m[one].tolist()
+        vx, vy = self._velocity_mps[one].tolist()
+        goal_x, goal_y, speed = self._steer(one, x, y, robot_xy_m)
+        away = math.hypot(goal_x - x, goal_y - y)
+        ax = ((goal_x - x) / away * speed if away > 1e-6 else 0.0) - vx
+        ay = ((goal_y - y) / away * speed if away > 1e-6 else 0.0) - vy
+        ax, ay = ax / _RELAXATION_S, ay / _RELAXATION_S
+        others = [(*self.xy_m[k].tolist(), 2.0 * BODY.radius_m) for k in range(len(self.xy_m)) if k != one]
+        others.append((float(robot_xy_m[0]), float(robot_xy_m[1]), BODY.radius_m + self._robot_radius_m))
+        if speed > 0.0:
+            for other_x, other_y, apart in others:
+                push_x, push_y = _push(other_x - x, other_y - y, apart, self.yaw_rad[one])
+                ax, ay = ax + push_x, ay + push_y
+            clear, slope_x, slope_y = self.floor.clearance(x, y)
+            wall = _WALL_MPS2 * math.exp((BODY.radius_m - clear) / _WALL_M)
+            ax, ay = ax + wall * slope_x, ay + wall * slope_y
+        vx, vy = vx + ax * PERIOD_S, vy + ay * PERIOD_S
+        most = _FASTEST_SHARE * self._speed_mps[one] if speed > 0.0 else 0.0
+        now = math.hypot(vx, vy)
+        if now > most:
+            vx, vy = vx * most / now, vy * most / now
+        step_x, step_y = self._possible(x, y, vx * PERIOD_S, vy * PERIOD_S, others)
+        self._put(one, x + step_x, y + step_y, step_x / PERIOD_S, step_y / PERIOD_S, bool(speed))
+
+    def _put(self, one: int, x: float, y: float, vx: float, vy: float, walks: bool) -> None:
+        """Note where a person is now, and turn and swing its limbs as its velocity [m/s] says."""
+        time_s, speed = self._num_periods * PERIOD_S, math.hypot(vx, vy)
+        if speed > 0.3 * self._speed_mps[one] or not walks:
+            self._progress_s[one] = time_s
+        self.xy_m[one] = x, y
+        self._velocity_mps[one] = vx, vy
+        if speed > 0.1:
+            turn = math.remainder(math.atan2(vy, vx) - self.yaw_rad[one], math.tau)
+            self.yaw_rad[one] = math.remainder(self.yaw_rad[one] + max(min(turn, 0.4), -0.4), math.tau)
+        stride_m = _STRIDE_PER_HEIGHT * self.height_m[one]
+        self.phase_rad[one] = (self.phase_rad[one] + math.tau * speed * PERIOD_S / stride_m) % math.tau
+        self.swing[one] += 0.3 * (min(speed / 1.2, 1.0) - self.swing[one])
+
+    def _steer(self, one: int, x: float, y: float, robot_xy_m: Float[np.ndarray, "2"]) -> tuple[float, float, float]:
+        """The place that a person steers for [m], and the speed it wants to have [m/s]."""
+        time_s = self._num_periods * PERIOD_S
+        follows = one >= len(self.xy_m) - self.config.followers
+        if follows:
+            near = math.dist((x, y), robot_xy_m) < self._robot_radius_m + _FOLLOW_M
+            if near or self._num_periods % 10 == 1:
+                here = self.xy_m[one]
+                self._path[one] = here[None].copy() if near else self.floor.path(here, robot_xy_m)
+            self._progress_s[one] = time_s
+        elif self._stands(one, x, y, time_s):
+            return x, y, 0.0
+        path = self._path[one]
+        if len(path) == 1:
+            return float(path[0, 0]), float(path[0, 1]), 0.0 if follows else float(self._speed_mps[one])
+        away_m = np.hypot(path[:, 0] - x, path[:, 1] - y)
+        # What was passed is forgotten.
+        nearest = int(away_m.argmin())
+        self._path[one] = path = path[nearest:]
+        ahead = min(round(_AHEAD_M / 0.1), len(path) - 1)
+        return float(path[ahead, 0]), float(path[ahead, 1]), float(self._speed_mps[one])
+
+    def _stands(self, one: int, x: float, y: float, time_s: float) -> bool:
+        """Whether a person stands; one who has come to where it went, or gets nowhere, is given another place."""
+        if time_s < self._stand_until_s[one]:
+            return True
+        there = math.dist((x, y), self._path[one][-1]) < _ARRIVED_M
+        wants = there or bool(time_s - self._progress_s[one] > _STUCK_S)
+        return wants and not self._next_goal(one, time_s)
+
+    def _next_goal(self, one: int, time_s: float) -> bool:
+        """Choose the next place and the time to stand before; whether the person walks already."""
+        self._num_goals[one] += 1
+        random = np.random.default_rng([self._seed, 84, one, int(self._num_goals[one])])
+        places, here = self.floor.places_m, self.xy_m[one]
+        stuck = bool(time_s - self._progress_s[one] > _STUCK_S)
+        goal, tries = here, 0
+        while math.dist(goal, here) < _NEAREST_GOAL_M and tries < _TRIES:
+            goal, tries = places[random.integers(len(places))], tries + 1
+        self._path[one] = self.floor.path(here, goal)
+        self._progress_s[one] = time_s
+        if not stuck:
+            self._stand_until_s[one] = time_s + random.uniform(0.0, max(self.config.longest_stand_s, 1e-9))
+        return stuck
+
+    def _possible(
+        self, x: float, y: float, dx: float, dy: float, others: list[tuple[float, float, float]]
+    ) -> tuple[float, float]:
+        """The step [m], or its part along one axis, that leads into nothing and nobody; else none."""
+        for step_x, step_y in ((dx, dy), (dx, 0.0), (0.0, dy)):
+            clear = self.floor.clearance(x + step_x, y + step_y)[0]
+            if clear < BODY.radius_m and clear <= self.floor.clearance(x, y)[0]:
+                continue
+            for other_x, other_y, apart in others:
+                after = math.hypot(other_x - x - step_x, other_y - y - step_y)
+                if after < apart and after < math.hypot(other_x - x, other_y - y):
+                    break
+            else:
+                return step_x, step_y
+        return 0.0, 0.0
+
+
+def _push(dx: float, dy: float, apart_m: float, yaw_rad: float) -> tuple[float, float]:
+    """Acceleration [m/s2] away from somebody at (dx, dy) [m] whose body touches from ``apart_m`` on."""
+    away = max(math.hypot(dx, dy), 1e-6)
+    ahead = (dx * math.cos(yaw_rad) + dy * math.sin(yaw_rad)) / away
+    size = _PUSH_MPS2 * math.exp((apart_m - away) / _PUSH_M) * (_BEHIND + (1.0 - _BEHIND) * (1.0 + ahead) / 2.0)
+    # Turned to the right-hand side where the other one is ahead.
+    angle = math.atan2(-dy, -dx) + (_ASIDE_RAD if ahead > 0.0 else 0.0)
+    return size * math.cos(angle), size * math.sin(angle)

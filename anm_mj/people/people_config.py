@@ -1,0 +1,43 @@
+"""Who walks through a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from anm_mj.errors import ConfigError
+from anm_mj.utils.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class PeopleConfig(Settings, group="people", error=ConfigError):
+    """Settings of the people in a scene; without people none of them matters."""
+
+    number: int = setting(0, at_least=0, at_most=100)
+    """How many walk through the scene."""
+    slowest_mps: float = setting(0.4, at_least=0.1, at_most=2.0)
+    """Each walks at a speed of its own from here on [m/s]."""
+    fastest_mps: float = setting(1.2, at_least=0.1, at_most=2.0)
+    """Up to here [m/s]."""
+    longest_stand_s: float = setting(10.0, at_least=0.0)
+    """They stand at each place that they walk to, up to so long [s]."""
+    followers: int = setting(0, at_least=0)
+    """So many of them follow the robot instead of walking about."""
+    blocked_s: float = setting(0.0, at_least=0.0)
+    """The first one stands in the doorway nearest to the robot's start for so long before it walks about [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            ConfigError: one is out of range, or contradicts another.
+        """
+        super().__post_init__()
+        if self.slowest_mps > self.fastest_mps:
+            raise ConfigError(
+                f"people.slowest_mps is {self.slowest_mps:g}; it must be at most fastest_mps, {self.fastest_mps:g}."
+            )
+        if self.followers > self.number:
+            raise ConfigError(
+                f"people.followers is {self.followers}, but people.number is {self.number}; give no more followers "
+                "than people."
+            )

@@ -1,0 +1,120 @@
+"""The floor that people walk on: where they can stand, how far the walls are, and paths from place to place."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from skimage.graph import MCP_Geometric
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.folder import Scene
+from anm_mj.scene.navigable import NavigableArea, pooled, scene_area
+from anm_mj.types import Footprint
+
+BODY = Footprint(radius_m=0.25, z_min_m=0.05, z_max_m=1.9)
+"""The space about a person."""
+_ROUTE_CELLS = 4
+"""Paths are looked for on cells of this many of the floor's along each edge."""
+_COMFORT_M = 0.3
+"""Paths prefer to keep this much clearance beyond the body's radius [m]."""
+_PLACE_CLEARANCE_M = 0.4
+"""Places that people walk to are so far from obstacles, where the floor has such [m]."""
+_DOORWAY_M = 0.6
+"""A doorway is narrower than twice this [m]."""
+
+
+class WalkingFloor:
+    """The largest connected floor of a scene for people."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Find it.
+
+        Raises:
+            SceneError: there is hardly any.
+        """
+        try:
+            area = scene_area(scene, BODY)
+        except SceneError as err:
+            raise SceneError(
+                f"Scene {scene.name} has no floor for people to walk on, who are {BODY.z_max_m:g} m tall and "
+                f"{2 * BODY.radius_m:g} m wide: leave out --people, or give another scene."
+            ) from err
+        self._area = area
+        self._slope = self._slope_of(area)
+        routes = pooled(area, _ROUTE_CELLS)
+        crowding = np.clip((BODY.radius_m + _COMFORT_M - routes.clearance_m) / _COMFORT_M, 0.0, 1.0)
+        self._routes = routes
+        self._cost = np.where(routes.component == 1, 1.0 + 2.0 * crowding, -1.0)
+        places = routes.grid.centres_m(*np.nonzero(self._roomy(routes)))
+        self.places_m: Float[np.ndarray, "n 2"] = places if len(places) else routes.places(1)
+        """Places to walk to [m]."""
+
+    @staticmethod
+    def _slope_of(area: NavigableArea) -> Float32[np.ndarray, "2 rows cols"]:
+        """Unit vectors (x, y) away from the nearest obstacle."""
+        by_row, by_col = np.gradient(area.clearance_m)
+        length = np.maximum(np.hypot(by_row, by_col), 1e-6)
+        return np.stack([by_col / length, by_row / length]).astype(np.float32)
+
+    @staticmethod
+    def _roomy(routes: NavigableArea) -> Bool[np.ndarray, "rows cols"]:
+        return (routes.component == 1) & (routes.clearance_m >= _PLACE_CLEARANCE_M)
+
+    def clearance(self, x_m: float, y_m: float) -> tuple[float, float, float]:
+        """Distance to the nearest obstacle [m] and the direction (x, y) away from it; zeros outside of the floor."""
+        grid = self._area.grid
+        col = math.floor((x_m - grid.origin_xy_m[0]) / grid.resolution_m)
+        row = math.floor((y_m - grid.origin_xy_m[1]) / grid.resolution_m)
+        if not (0 <= row < grid.rows and 0 <= col < grid.cols):
+            return 0.0, 0.0, 0.0
+        slope = self._slope[:, row, col]
+        return float(self._area.clearance_m[row, col]), float(slope[0]), float(slope[1])
+
+    def path(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
+        """Places from one on to another, a tenth of a metre apart; the end alone where nothing leads there [m]."""
+        start, end = self._cell(start_m), self._cell(end_m)
+        search = MCP_Geometric(self._cost)
+        cost, _ = search.find_costs([start], [end])
+        if not np.isfinite(cost[end]):
+            return end_m[None]
+        return self._routes.grid.centres_m(*np.array(search.traceback(end)).T)
+
+    def doorway(self, near_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """The middle of a narrow place near a place: as wide as it is along the way through, and wider beyond [m].
+
+        Raises:
+            SceneError: the floor has none.
+        """
+        clearance, grid = self._routes.clearance_m, self._routes.grid
+        rows, cols = np.nonzero((self._routes.component == 1) & (clearance < _DOORWAY_M))
+        reach = round(1.0 / grid.resolution_m)
+        narrow = np.array([self._is_doorway(clearance, int(r), int(c), reach) for r, c in zip(rows, cols, strict=True)])
+        if not narrow.any():
+            raise SceneError("The floor has no doorway for somebody to stand in: set people.blocked_s=0.")
+        xy = grid.centres_m(rows[narrow], cols[narrow])
+        away_m = np.linalg.norm(xy - near_m, axis=1)
+        return xy[np.argmin(np.where(away_m < 1.0, np.inf, away_m))]
+
+    @staticmethod
+    def _is_doorway(clearance: Float32[np.ndarray, "rows cols"], row: int, col: int, reach: int) -> bool:
+        """Whether clearance is largest at a cell across one axis, and grows to both sides along the other."""
+        rows, cols = clearance.shape
+        if not (reach <= row < rows - reach and reach <= col < cols - reach):
+            return False
+        here = clearance[row, col]
+        for (dr, dc), (ar, ac) in (((1, 0), (0, 1)), ((0, 1), (1, 0))):
+            across = clearance[row + ar, col + ac] <= here and clearance[row - ar, col - ac] <= here
+            beyond = min(clearance[row + reach * dr, col + reach * dc], clearance[row - reach * dr, col - reach * dc])
+            if across and beyond > here + 0.2:
+                return True
+        return False
+
+    def _cell(self, xy_m: Float[np.ndarray, "2"]) -> tuple[int, int]:
+        """The walkable cell nearest to a place."""
+        grid = self._routes.grid
+        cells: Int[np.ndarray, "n 2"] = np.argwhere(self._routes.component == 1)
+        place = (xy_m - grid.origin_xy_m)[::-1] / grid.resolution_m - 0.5
+        row, col = cells[np.argmin(((cells - place) ** 2).sum(axis=1))].tolist()
+        return row, col

@@ -1,0 +1,112 @@
+// Which pixels of a depth image show what was not there before.
+#pragma once
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "occupancy.h"
+
+namespace anm {
+
+struct MovedSettings {
+    float edge = 0.0F;      // of a voxel
+    float noise = 0.0F;     // by this times its square depth may be wrong
+    float doubt = 0.0F;     // by this, too: the pose
+    float range = 0.0F;     // farther pixels are not looked at
+    int free = 0;           // log-odds of a voxel that is surely free, or less
+    int known = 0;          // of one that surely holds surface, or more
+    int support = 0;        // neighbours that a pixel needs
+    float reach_m = 0.0F;   // what hangs together with such pixels belongs to them, up to this far along the image
+    float focal_px = 1.0F;
+    float apart_m = 0.0F;   // neighbours hang together whose depths differ by less, or by less than
+    float apart_share = 0.0F;  // this share
+};
+
+class MovedPixels {
+public:
+    MovedPixels(const Voxels& voxels, const float* depth, const float* rays, int height, int width, const float* matrix,
+                const float* offset, const MovedSettings& settings)
+        : v_(voxels), depth_(depth), rays_(rays), height_(height), width_(width), matrix_(matrix), offset_(offset), s_(settings) {}
+
+    // out: [height][width], 1 for moved pixels. Returns how many there are.
+    std::int64_t find(std::uint8_t* out) const {
+        std::vector<std::uint8_t> seed(static_cast<std::size_t>(height_) * static_cast<std::size_t>(width_), 0);
+        bool any = false;
+        for (int pixel = 0; pixel < height_ * width_; ++pixel) {
+            out[pixel] = 0;
+            if (contradicts(pixel)) seed[static_cast<std::size_t>(pixel)] = 1, any = true;
+        }
+        if (!any) return 0;
+        // Breadth first, so that each pixel is reached by a shortest way.
+        std::vector<std::pair<int, float>> queue;
+        for (int row = 1; row + 1 < height_; ++row) {
+            for (int col = 1; col + 1 < width_; ++col) {
+                const int pixel = row * width_ + col;
+                if (!seed[static_cast<std::size_t>(pixel)]) continue;
+                int beside = -1;
+                for (int r = -1; r <= 1; ++r) {
+                    for (int c = -1; c <= 1; ++c) beside += seed[static_cast<std::size_t>(pixel + r * width_ + c)];
+                }
+                if (beside < s_.support) continue;
+                out[pixel] = 1;
+                queue.emplace_back(pixel, 0.0F);
+            }
+        }
+        for (std::size_t next = 0; next < queue.size(); ++next) grow(next, queue, out);
+        return static_cast<std::int64_t>(queue.size());
+    }
+
+private:
+    // Whether a pixel lies in surely free space, and so does all of it that its depth may be too short by.
+    bool contradicts(int pixel) const {
+        const float z = depth_[pixel];
+        if (!(z > 0.0F && z <= s_.range) || odds(pixel, z) > s_.free) return false;
+        const float end = z + s_.noise * z * z + s_.doubt;
+        for (float behind = z + s_.edge; behind < end + s_.edge; behind += s_.edge) {
+            if (odds(pixel, behind < end ? behind : end) > s_.free) return false;
+        }
+        return true;
+    }
+
+    void grow(std::size_t from, std::vector<std::pair<int, float>>& queue, std::uint8_t* out) const {
+        const auto [pixel, so_far] = queue[from];
+        const float z = depth_[pixel], reached = so_far + z / s_.focal_px;
+        if (reached > s_.reach_m) return;
+        const int row = pixel / width_, col = pixel % width_;
+        const int beside[4][2] = {{row - 1, col}, {row + 1, col}, {row, col - 1}, {row, col + 1}};
+        for (const auto& place : beside) {
+            if (place[0] < 0 || place[0] >= height_ || place[1] < 0 || place[1] >= width_) continue;
+            const int other = place[0] * width_ + place[1];
+            const float depth = depth_[other];
+            if (out[other] || !(depth > 0.0F && depth <= s_.range)) continue;
+            const float apart = depth > z ? depth - z : z - depth;
+            if (apart > s_.apart_m && apart > s_.apart_share * z) continue;
+            if (odds(other, depth) >= s_.known) continue;
+            out[other] = 1;
+            queue.emplace_back(other, reached);
+        }
+    }
+
+    // Log-odds at a depth along a pixel's ray; 0 outside of the grid.
+    int odds(int pixel, float depth) const {
+        const float* ray = rays_ + 3 * static_cast<std::ptrdiff_t>(pixel);
+        std::int64_t at[3];
+        for (int k = 0; k < 3; ++k) {
+            const float scaled = ray[0] * depth * matrix_[k] + ray[1] * depth * matrix_[3 + k] + ray[2] * depth * matrix_[6 + k] + offset_[k];
+            at[k] = static_cast<std::int64_t>(__builtin_rintf(scaled)) - v_.corner[k];
+        }
+        if (at[0] < 0 || at[0] >= v_.cols || at[1] < 0 || at[1] >= v_.rows || at[2] < 0 || at[2] >= v_.layers) return 0;
+        return v_.log_odds[(at[2] * v_.rows + at[1]) * v_.cols + at[0]];
+    }
+
+    const Voxels& v_;
+    const float* depth_;
+    const float* rays_;
+    int height_, width_;
+    const float* matrix_;
+    const float* offset_;
+    const MovedSettings& s_;
+};
+
+}  // namespace anm

@@ -1,0 +1,161 @@
+"""What the grid says of pixels that show something new, and what becomes of it: a wall with a thing before it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anm_mj.config import make_config
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
+from anm_mj.mapping.moved_pixels import depth_doubt
+from anm_mj.sensing.pixel_state import judge_pixels, without_moved
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, PixelState, Pose2
+
+CAMERA = Intrinsics.from_fov(96, 96, np.pi / 2)
+T_WORLD_CAMERA = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]])
+WALL_M, THING_M = 3.02, 1.53
+RNG = np.random.default_rng(0)
+
+
+def view(thing: slice | None = None, noise_m: float = 0.0, deviation_m: float = 0.0) -> Observation:
+    """The wall, and the thing before it in some columns of the image; noise grows with the square of the depth."""
+    depth_m = np.full((96, 96), WALL_M, np.float32)
+    if thing is not None:
+        depth_m[30:80, thing] = THING_M
+    depth_m += (noise_m * (depth_m / WALL_M) ** 2 * RNG.standard_normal(depth_m.shape)).astype(np.float32)
+    rgb = np.zeros((96, 96, 3), np.uint8)
+    pose = Pose2(0.0, 0.0, 0.0)
+    return Observation(0, 0.0, rgb, depth_m, CAMERA, T_WORLD_CAMERA, pose, position_deviation_m=deviation_m)
+
+
+def fuse(grid: DepthOccupancy, seen: Observation, times: int = 1) -> Observation:
+    for _ in range(times):
+        told = judge_pixels(seen)
+        moved = grid.find_moved(told)
+        told = told if moved is None else without_moved(told, moved)
+        grid.integrate(told.depth_m, told.intrinsics, told.T_world_camera, moved_m=told.moved_m)
+    return told
+
+
+def new_grid(**settings) -> DepthOccupancy:
+    return DepthOccupancy(OccupancyConfig(), MovingConfig(detect=True, **settings))
+
+
+def thing_states(grid: DepthOccupancy, cols: range) -> np.ndarray:
+    """States of the voxels in the thing's front, in the middle of some columns."""
+    u = (np.array([cols[len(cols) // 2]]) + 0.5 - CAMERA.cx) / CAMERA.fx
+    heights = 1.0 + np.arange(-0.2, 0.3, 0.05)
+    return grid.state_at(np.stack([np.full(10, THING_M), np.full(10, -u[0] * THING_M), heights], axis=1))
+
+
+def test_what_comes_into_free_space_has_moved():
+    grid = new_grid()
+    fuse(grid, view(), 5)
+
+    told = fuse(grid, view(slice(40, 60)))
+
+    shown = np.zeros((96, 96), bool)
+    shown[30:80, 40:60] = True
+    assert np.array_equal(told.pixel_state == PixelState.MOVED, shown)
+    assert np.isnan(told.depth_m[shown]).all()
+    assert (told.moved_m[shown] == np.float32(THING_M)).all()
+    assert (thing_states(grid, range(40, 60)) == FREE).all()
+
+
+def test_too_few_looks_and_the_wall_itself_say_nothing():
+    grid = new_grid(free_looks=5)
+    assert (fuse(grid, view(), 4).pixel_state == PixelState.MEASURED).all()
+    assert (fuse(grid, view(slice(40, 60))).pixel_state == PixelState.MEASURED).all()
+
+
+@pytest.mark.parametrize(("noise_m", "deviation_m"), [(0.05, 0.0), (0.0, 0.6)])
+def test_noise_and_an_unsure_pose_explain_what_is_near_the_wall(noise_m, deviation_m):
+    """A pixel may be too near by four standard deviations."""
+    grid = new_grid()
+    fuse(grid, view(noise_m=noise_m), 12)
+
+    alone = grid.find_moved(judge_pixels(view(noise_m=noise_m, deviation_m=deviation_m)))
+    beside = grid.find_moved(judge_pixels(view(slice(40, 60), noise_m, deviation_m)))
+
+    assert alone is None or alone.mean() < 1e-3
+    assert (beside is None) == (deviation_m > 0.0)
+
+
+def test_what_stays_becomes_surface_and_is_freed_when_it_leaves():
+    grid = new_grid()
+    fuse(grid, view(), 8)
+    frames = 0
+    while (fuse(grid, view(slice(40, 60))).pixel_state == PixelState.MOVED).any():
+        frames += 1
+        assert frames < 60
+    # From -60, wherever it comes, up to the surely free -8, by one in every frame.
+    assert frames == 53
+    assert (thing_states(grid, range(40, 60)) == OCCUPIED).all()
+
+    fuse(grid, view(), 4)
+    assert (thing_states(grid, range(40, 60)) == FREE).all()
+
+
+def test_what_was_marked_before_it_moved_is_freed_where_something_moves():
+    states = []
+    for memory_frames in (60, 0):
+        grid = new_grid(memory_frames=memory_frames)
+        for start in (20, 20, 20, 28, 36, 44, 52, 60, 68):
+            fuse(grid, view(slice(start, start + 16)))
+        states.append(thing_states(grid, range(20, 36)))
+
+    assert (states[0] == FREE).all()
+    assert (states[1] == OCCUPIED).all()
+
+
+def test_what_is_held_is_an_obstacle_until_it_is_released_or_looked_through():
+    grid = new_grid()
+    fuse(grid, view(), 5)
+    fuse(grid, view(slice(40, 60)))
+    version = grid.grid.column_version.copy()
+
+    grid.hold_moved(np.zeros((0, 3)))
+    assert (thing_states(grid, range(40, 60)) == OCCUPIED).all()
+    assert grid.release_moved()
+    assert (thing_states(grid, range(40, 60)) == FREE).all()
+    assert not grid.release_moved()
+    assert (grid.grid.column_version > version).any() or (version == 6).any()
+
+    grid.hold_moved(np.zeros((0, 3)))
+    fuse(grid, view())
+    assert (thing_states(grid, range(40, 60)) == FREE).all()
+    assert not grid.release_moved()
+
+
+def test_a_held_disc_is_an_obstacle_where_space_is_known_and_its_place_still_surely_free():
+    grid = new_grid()
+    fuse(grid, view(), 5)
+    inside, beside, unknown = np.array([[1.0, 0.2, 1.0], [1.0, 0.4, 1.0], [-1.0, 0.0, 1.0]])
+
+    grid.hold_moved(np.array([[1.0, 0.0, 0.3], [-1.0, 0.0, 0.3]]))
+    assert grid.state_at(np.stack([inside, beside, unknown])).tolist() == [OCCUPIED, FREE, UNKNOWN]
+
+    told = fuse(grid, view(slice(40, 60)))
+    assert (told.pixel_state == PixelState.MOVED).sum() == 50 * 20
+    assert grid.state_at(inside[None]).tolist() == [FREE]
+
+
+def test_depth_without_noise_may_be_too_short_by_nothing():
+    unsure = replace(view(deviation_m=0.03), heading_deviation_rad=0.01)
+    assert depth_doubt(1e-6, view(), 5.0) == (0.0, 0.0)
+    assert depth_doubt(np.inf, view(), 5.0) == (0.0, 0.0)
+    assert depth_doubt(0.002, unsure, 4.0) == pytest.approx((0.008, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("settings", "detects"),
+    [
+        ([], False),
+        (["people.number=2"], True),
+        (["people.number=2", "mapping.moving.detect=false"], False),
+        (["mapping.moving.detect=true"], True),
+    ],
+)
+def test_among_people_moved_pixels_are_looked_for(settings, detects):
+    assert make_config("default", settings, scene="home").mapping.moving.detect is detects

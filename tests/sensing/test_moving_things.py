@@ -1,0 +1,80 @@
+"""Things that move, followed from frame to frame, and when the robot waits for them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anm_mj.planning.give_way import held_disc, in_the_way
+from anm_mj.sensing.moving_things import MovingThing, MovingThings
+from anm_mj.sensing.pixel_state import without_moved
+from anm_mj.types import Footprint, Pose2
+from tests.box_room import observe
+
+BODY = Footprint(0.18, 0.05, 1.35)
+
+
+def frame(time_s: float, *cols: int):
+    """A frame in which things 1.5 m away moved, each twenty columns wide."""
+    seen = observe(0, Pose2(0.0, 0.0, 0.0))
+    moved = np.zeros(seen.depth_m.shape, bool)
+    for col in cols:
+        moved[100:160, col : col + 20] = True
+    depth_m = np.where(moved, np.float32(1.5), seen.depth_m)
+    return replace(without_moved(replace(seen, depth_m=depth_m), moved), time_s=time_s)
+
+
+def test_a_thing_gets_a_place_and_a_velocity():
+    things = MovingThings()
+    for k in range(6):
+        things.update(frame(0.5 * k, 60 + 16 * k))
+
+    (thing,) = things.things
+    # Sixteen pixels to the right at 1.5 m in half a second, focal length 128 px.
+    assert thing.velocity_mps[1] == pytest.approx(-16 / 128 * 1.5 / 0.5, rel=0.1)
+    assert abs(thing.velocity_mps[0]) < 0.01
+    assert thing.after(2.5)[1] == pytest.approx(-(150 - 128) / 128 * 1.5, abs=0.02)
+
+
+def test_two_things_stay_apart_and_are_forgotten_after_a_while():
+    things = MovingThings()
+    things.update(frame(0.0, 40, 180))
+    things.update(frame(0.4, 44, 176))
+    assert len(things.things) == 2
+
+    things.update(frame(1.0))
+    assert len(things.things) == 2
+    things.update(frame(3.0))
+    assert not things.things
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "velocity", "waits"),
+    [
+        (0.6, 0.0, (0.0, 0.0), True),  # stands ahead, near
+        (0.7, 0.0, (0.0, 0.0), False),  # stands ahead, less near
+        (0.5, 0.3, (0.0, 0.0), True),  # leaves too little room
+        (0.6, 0.55, (0.0, 0.0), False),  # leaves room to pass
+        (1.5, 0.0, (0.0, 0.0), False),  # stands ahead, far
+        (1.5, 0.0, (-1.0, 0.0), True),  # comes
+        (0.7, 1.0, (0.0, -1.0), True),  # steps into the way
+        (0.3, 1.0, (0.0, 0.0), False),  # beside
+        (-0.6, 0.0, (0.0, 0.0), False),  # behind
+        (0.9, 0.0, (1.0, 0.0), False),  # goes ahead of the robot
+    ],
+)
+def test_the_robot_waits_for_what_is_or_comes_in_its_way(x_m, y_m, velocity, waits):
+    thing = MovingThing(x_m, y_m, velocity, 0.25, 0.0)
+
+    assert (in_the_way([thing], BODY, Pose2(0.0, 0.0, 0.0), 0.0) is thing) is waits
+    # The same turned by a quarter.
+    turned = MovingThing(-y_m, x_m, (-velocity[1], velocity[0]), 0.25, 0.0)
+    assert (in_the_way([turned], BODY, Pose2(0.0, 0.0, math.pi / 2), 0.0) is turned) is waits
+
+
+def test_paths_keep_off_the_disc_of_a_thing_which_leaves_room_for_the_robot():
+    far, near = (MovingThing(0.0, x_m, (0.0, 0.0), 0.25, 0.0) for x_m in (2.0, 0.4))
+
+    assert held_disc(far, BODY, Pose2(0.0, 0.0, 0.0), 0.0) == pytest.approx((0.0, 2.0, 0.32))
+    assert held_disc(near, BODY, Pose2(0.0, 0.0, 0.0), 0.0) == pytest.approx((0.0, 0.4, 0.15))
