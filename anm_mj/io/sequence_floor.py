@@ -81,8 +81,7 @@ def levelled(sequence: Sequence, up: Float64[np.ndarray, "3 3"]) -> Float64[np.n
     if np.degrees(tilt_rad) < _LEVEL_DEG:
         return up
     _logger.warning(
-        "The first camera of %s is tilted by %.0f deg against the floor that it shows: the world is levelled by that "
-        "(--up=-y: it is held level).",
+        "The first camera of %s is tilted by %.0f deg against the floor that it shows: the world is levelled by that.",
         sequence.path,
         np.degrees(tilt_rad),
     )

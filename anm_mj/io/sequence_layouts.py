@@ -41,6 +41,8 @@ UP = {
     "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
 }
 """Rotation from a world with this axis up to one with z up."""
+BY_FLOOR = "floor"
+"""In place of such an axis, without poses: up is what the floor in the first image says."""
 BAG = "rosbag"
 """The layout that is no folder of images."""
 _logger = logging.getLogger(__name__)
@@ -58,7 +60,8 @@ class SequenceOptions:
     """Metres per unit of a depth PNG."""
     up: str | None = None
     """Axis of the sequence's world that points up: a key of ``UP``; None = as in the layout. Without poses that world
-    is the first camera's: None = that of the floor that it shows, else -y, a camera that is held level."""
+    is the first camera's: None = -y, a camera that is held level; ``floor`` = as the
+    floor that it shows says."""
     floor_m: float | None = None
     """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others, without
     poses from that of the first frame."""
@@ -96,8 +99,8 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     options = options or SequenceOptions()
     if options.layout is not None and options.layout not in (*LAYOUTS, BAG):
         raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join((*LAYOUTS, BAG))}.")
-    if options.up is not None and options.up not in UP:
-        raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join(UP)}.")
+    if options.up is not None and options.up not in (*UP, BY_FLOOR):
+        raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join((*UP, BY_FLOOR))}.")
     if options.every < 1:
         raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
     if not 0.0 <= options.max_bad <= 1.0:
@@ -147,14 +150,17 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     usual = LAYOUTS[found].up if found in LAYOUTS else "z"
-    up = options.up or (usual if sequence.has_poses else "-y")
+    levels = options.up == BY_FLOOR
+    if levels and sequence.has_poses:
+        raise RunFolderError(f"--up is {BY_FLOOR}, but {path} has poses; give an axis of their world.")
+    up = (None if levels else options.up) or (usual if sequence.has_poses else "-y")
     if sequence.has_poses and up == usual != "z":
         _logger.info("%s: %s points up, as the layout %s has it (--up).", path, up, found)
     if options.judge is not None:
         sequence, up = options.judge(sequence, up)
     # Offsets in time are told by poses that follow one another closely.
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
-    turn = UP[up] if sequence.has_poses or options.up is not None else levelled(sequence, UP[up])
+    turn = levelled(sequence, UP[up]) if levels else UP[up]
     sequence = sequence.moved(rigid_transform(turn.ravel(), np.zeros(3)))
     floor_m = options.floor_m
     if floor_m is None:

@@ -132,7 +132,7 @@ def test_without_poses_the_world_is_levelled_by_the_floor_in_the_first_image(tmp
     depth_m = room_depth(T, one.intrinsics)
     write_tum(tmp_path, [replace(one, T_world_camera=T, depth_m=depth_m)])
     (tmp_path / "groundtruth.txt").unlink()
-    options = SequenceOptions(camera=(32.0, 32.0, 32.0, 32.0), needs_poses=False)
+    options = SequenceOptions(camera=(32.0, 32.0, 32.0, 32.0), needs_poses=False, up="floor")
     found = next(open_sequence(tmp_path, options)[0].observations()).T_world_camera
     # Up in the camera, and its height.
     np.testing.assert_allclose(found[2], T[2], atol=0.02)
