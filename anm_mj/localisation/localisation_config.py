@@ -231,7 +231,7 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     """A place is believed whose mean score over frames is at least this, in [0, 1],"""
     least_lead: float = setting(0.2, at_least=0.0)
     """leads every other by at least this over the root of the frames that both were compared with,"""
-    frames: int = setting(4, at_most=1000)
+    frames: int = setting(8, at_most=1000)
     """over at least so many frames."""
 
     def registration(self, usual: RegistrationConfig) -> RegistrationConfig:
