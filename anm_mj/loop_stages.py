@@ -12,7 +12,7 @@ from anm_mj.errors import MapError
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
-from anm_mj.planning.give_way import in_the_way
+from anm_mj.planning.give_way import held_disc, in_the_way
 from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
@@ -21,8 +21,8 @@ _logger = logging.getLogger(__name__)
 
 PATIENT_TURNS = 3
 """After so many turns in place of a forward move, the policy looks for another way."""
-HURRY = 5
-"""What stands in the way is waited for by this part of the patience: it may stand for long."""
+HURRY = 10
+"""What stands in the way is waited for by this part of the patience: it may stand for long. Two frames tell."""
 UNTRAINED = MapUpdate(math.nan, 0, 0)
 """Of a frame that the map has not learnt from."""
 
@@ -125,7 +125,7 @@ def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> 
     state.waited += 1
     patience = max(1, state.patience_steps // HURRY) if thing.stands else state.patience_steps
     if state.waited % patience == 0 and isinstance(mapper, FindsMoved):
-        mapper.hold_moved()
+        mapper.hold_moved(np.array([held_disc(thing, robot.footprint, seen.pose, seen.time_s)]))
         state.follower.drop()
     return Action.WAIT
 

@@ -154,8 +154,11 @@ class FindsMoved(Protocol):
         """The frame with the depth of moved pixels apart from the other, as far as the map knows before it."""
         ...
 
-    def hold_moved(self) -> None:
-        """Take what the last frame showed to move for an obstacle, until it is looked through or released."""
+    def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
+        """Take what the last frame showed to move for an obstacle, and discs, until it is looked through or released.
+
+        A disc stands at x and y and has a radius [m].
+        """
         ...
 
     def release_moved(self) -> bool:

@@ -1,6 +1,7 @@
 """Learns to explore by PPO in builtin scenes, and compares the agent with random actions in one that it never saw.
 
     python scripts/06_learn.py                          # some minutes; needs pip install 'anm-mj[learn]'
+    python scripts/06_learn.py --people 2               # among people, with a cost of being near them
 
 The agent sees what the top-down map says in 24 directions and is rewarded for newly observed area. Each decision holds
 for three actions. Leaves agent.zip, learning.monitor.csv and learning.png in --out.
@@ -17,20 +18,21 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import anm_mj.environments  # noqa: F401  Registers AnmMj/Explore-v0.
-from anm_mj.environments.wrappers import Directions, RepeatAction
+from anm_mj.environments.wrappers import Directions, KeepDistance, RepeatAction
 
 TRAINING, TEST = ("room", "flat", "office", "residence"), "home"
 
 
-def make(scenes: tuple[str, ...], num_steps: int, repeat: int) -> gymnasium.Env:
+def make(scenes: tuple[str, ...], num_steps: int, repeat: int, people: int) -> gymnasium.Env:
     """An environment as the agent meets it; every episode draws a scene and a start."""
     options = {"num_steps": num_steps, "image_px": 32, "topdown": True, "stop": False, "reward": "area"}
-    return Directions(RepeatAction(gymnasium.make("AnmMj/Explore-v0", scene=scenes, **options), repeat))
+    env = gymnasium.make("AnmMj/Explore-v0", scene=scenes, people=people, **options)
+    return Directions(RepeatAction(KeepDistance(env, within_m=0.5, weight=1.0), repeat))
 
 
-def train(out: Path, decisions: int, envs: int, num_steps: int) -> PPO:
+def train(out: Path, decisions: int, envs: int, num_steps: int, people: int) -> PPO:
     """Learn, in several processes."""
-    workers = SubprocVecEnv([partial(make, TRAINING, num_steps, 3)] * envs, start_method="spawn")
+    workers = SubprocVecEnv([partial(make, TRAINING, num_steps, 3, people)] * envs, start_method="spawn")
     watched = VecMonitor(workers, str(out / "learning"), info_keywords=("coverage",))
     options = {"n_steps": 512 // envs, "batch_size": 128, "n_epochs": 6, "gamma": 0.97, "learning_rate": 1e-3}
     agent = PPO("MlpPolicy", watched, ent_coef=0.005, seed=0, device="cpu", **options)
@@ -58,13 +60,20 @@ def draw(out: Path) -> None:
     figure.savefig(out / "learning.png", dpi=120)
 
 
-def main(out: Path = Path("learned"), decisions: int = 8192, envs: int = 4, steps: int = 300, starts: int = 20) -> None:
+def main(
+    out: Path = Path("learned"),
+    decisions: int = 8192,
+    envs: int = 4,
+    steps: int = 300,
+    starts: int = 20,
+    people: int = 0,
+) -> None:
     """Train in processes (envs), in episodes of some steps; then test from random starts, the same for both."""
     out.mkdir(parents=True, exist_ok=True)
-    agent = train(out, decisions, envs, steps)
+    agent = train(out, decisions, envs, steps, people)
     agent.save(out / "agent")
     draw(out)
-    thrice, once = make((TEST,), steps, 3), make((TEST,), steps, 1)
+    thrice, once = make((TEST,), steps, 3, people), make((TEST,), steps, 1, people)
     found = np.array(
         [[coverage(thrice, k, agent), coverage(thrice, k, None), coverage(once, k, None)] for k in range(starts)]
     )

@@ -3,7 +3,8 @@
     anm-mj bench docs/people.toml --out runs/people
     python scripts/people_table.py runs/people
 
-Coverage stands beside that of the same run without people, the mean of the ratios over scenes, starts and seeds.
+Coverage stands beside that of the same run without people, the mean of the ratios over scenes, starts and seeds, with
+its 95 % interval.
 """
 
 import statistics
@@ -11,8 +12,10 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
+from anm_mj.bench.statistics import bootstrap_interval
 from anm_mj.io.read_run import read_json
 
 COLUMNS = {
@@ -48,6 +51,9 @@ def main(comparison: Annotated[Path, tyro.conf.Positional]) -> None:
             if where in without
         ]
         share = f"{statistics.mean(shares):.1f} %" if shares and people else ""
+        if share and len(shares) > 1:
+            low, high = bootstrap_interval(np.array(shares))
+            share += f" [{low:.1f}, {high:.1f}]"
         mask = "" if not people else "on" if detects else "off"
         early = sum(metrics["stop_reason"] not in ("BUDGET", "COMPLETE") for metrics in runs.values())
         cells = [_cell([metrics[key] for metrics in runs.values()], key) for key in COLUMNS.values()]

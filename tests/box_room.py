@@ -22,6 +22,7 @@ from anm_mj.types import (
     Intrinsics,
     MapUpdate,
     Observation,
+    OccupancyGrid,
     Plan,
     Pose2,
     Region,
@@ -112,6 +113,10 @@ class FakeMap:
 
     def changes(self):
         return None
+
+    def occupancy_grid(self) -> OccupancyGrid:
+        nothing = np.zeros((0, 0, 0))
+        return OccupancyGrid(nothing.astype(np.int8), nothing.astype(np.float32), np.zeros(3), 0.05)
 
     def replay(self, limit_bytes):
         raise AssertionError("nothing is kept for a later run")

@@ -188,11 +188,11 @@ class Checkpointer:
             self._store.remove()
 
     def _is_affordable(self, loop_s: float) -> bool:
-        """Whether one more, at the price of the last, stays within the share of the loop's time."""
-        last_s = self.spent_s - self._spent_before_s
+        """Whether one more, at twice the last one's price as the map grows, stays within its share of the time."""
+        next_s = 2.0 * (self.spent_s - self._spent_before_s)
         if self.last_step is None or self._config.loop_share == 1.0:
             return True
-        return self.spent_s + last_s <= self._config.loop_share * loop_s
+        return self.spent_s + next_s <= self._config.loop_share * loop_s
 
     def _wait(self) -> None:
         if self._thread is not None:

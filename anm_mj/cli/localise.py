@@ -75,6 +75,7 @@ def localise(
         layout,
         camera,
         depth_unit,
+        up="-y",
         floor_m=-_LEVEL_M,
         every=every,
         topics=topics_by_role(topics),

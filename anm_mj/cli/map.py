@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 _PRIOR = "The sequence's poses are a prior of the motion between frames; localisation in the map corrects them."
 _UNPOSED = (
-    "The poses are found by localisation in the map; the first camera defines the world: its {} axis points up (--up), "
-    "and the floor is the lowest level that its depth shows (--floor)."
+    "The poses are found by localisation in the map; the first camera defines the world: {} (--up), and the floor is "
+    "the lowest level that its depth shows (--floor)."
 )
 TALLEST_M = 100.0
 """No robot is higher [m]."""
@@ -83,7 +83,7 @@ def map_recorded(
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
         distortion: of the lens in the order of OpenCV, as fisheye,K1,K2,K3,K4, or none; by default as the files say
-        up: axis of the world that points up: z, -z, y or -y; by default that of the layout, without poses -y
+        up: axis of the world that points up: z, -z, y or -y; by default by the layout, without poses by the first image
         floor: height of the floor along it; by default found from the depth
         topics: topic of a bag for colour, depth, camera or pose (a topic or tf), where several fit; may be repeated
         poses: what a pose is: camera-to-world, world-to-camera, conjugate, scalar-first or scalar-first-inverse
@@ -161,7 +161,8 @@ def map_recorded(
     if frames.distortion is not None:
         console.say(f"Lens distortion is taken out, {frames.distortion.source}: {frames.distortion}.")
     if track:
-        console.say(_PRIOR if frames.has_poses else _UNPOSED.format(up or "-y"))
+        held = "level, or as the floor in its image says" if up is None else f"its {up} axis points up"
+        console.say(_PRIOR if frames.has_poses else _UNPOSED.format(held))
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
     footprint = Footprint(radius, 0.05, height)

@@ -22,8 +22,8 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
 
     STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it. ``info`` contains
     the ``coverage`` so far (in [0, 1]), whether the last action ``collided``, why the robot can no longer drive
-    (``fault``, such as "TOPPLED", else ""), the true ``pose`` in the world (x [m], y [m], yaw [rad]), and the name of
-    the ``scene``.
+    (``fault``, such as "TOPPLED", else ""), the true ``pose`` in the world (x [m], y [m], yaw [rad]), the name of the
+    ``scene``, and the distance to the nearest person (``people_m`` [m], infinite among nobody).
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it this way.
@@ -132,4 +132,5 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
             "fault": "" if result is None or result.fault is None else str(result.fault),
             "pose": np.array([pose.x_m, pose.y_m, pose.yaw_rad]),
             "scene": task.scene.name,
+            "people_m": task.people_m,
         }

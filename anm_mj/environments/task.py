@@ -88,6 +88,12 @@ class ExploreTask(control.Task):
         return self._covered.fraction
 
     @property
+    def people_m(self) -> float:
+        """Distance between the robot's body and the nearest person's [m]; infinite among nobody."""
+        people = self._true.people
+        return math.inf if people is None else people.nearest_m
+
+    @property
     def view(self) -> Observation:
         """The last observation with true poses; hidden from the learner."""
         return self._view
@@ -207,6 +213,7 @@ class ExploreTask(control.Task):
 
     def _add_view(self, physics: RobotPhysics) -> None:
         view, true = self._view, physics.robot.true_view()
+        self._true = true
         new = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
         if self._map is not None:
             self._map.add(view)

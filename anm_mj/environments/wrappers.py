@@ -1,4 +1,4 @@
-"""Wrappers that make an environment easier to learn: small observations, and actions that last."""
+"""Wrappers that make an environment easier to learn: small observations, actions that last, and a cost of nearness."""
 
 from __future__ import annotations
 
@@ -45,6 +45,27 @@ class RepeatAction(gymnasium.Wrapper):
             observation, reward, terminated, truncated, info = self.env.step(action)
             total += float(reward)
         return observation, total, terminated, truncated, info
+
+
+class KeepDistance(gymnasium.Wrapper):
+    """Takes from the reward where people are near: nothing at ``within_m``, ``weight`` at contact, linear between."""
+
+    def __init__(self, env: gymnasium.Env, within_m: float, weight: float) -> None:
+        """Wrap an environment with ``people_m`` in its ``info``.
+
+        Raises:
+            TaskError: the distance is not positive.
+        """
+        if not within_m > 0.0:
+            raise TaskError(f"within_m is {within_m:g}; give a distance above 0 m.")
+        super().__init__(env)
+        self._within_m, self._weight = within_m, weight
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute an action; ``info["cost"]`` is what its reward went without."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        cost = self._weight * float(np.clip(1.0 - info["people_m"] / self._within_m, 0.0, 1.0))
+        return observation, float(reward) - cost, terminated, truncated, {**info, "cost": cost}
 
 
 class Directions(gymnasium.ObservationWrapper):

@@ -45,8 +45,6 @@ class MeshQuality:
     """Share of the true surface within 2.5 cm of the reconstruction [%]."""
     ghost_percent: float
     """Share of the reconstruction farther than 10 cm from the true surface [%]."""
-    lost_percent: float
-    """Share of the true surface farther than 10 cm from the reconstruction [%]."""
 
     @property
     def f_score_percent(self) -> float:
@@ -99,5 +97,4 @@ def _quality(to_truth_m: Float[np.ndarray, " n"], to_mesh_m: Float[np.ndarray, "
         precision_percent=100.0 * float(np.mean(to_truth_m < COVERED_M)),
         fine_completion_ratio_percent=100.0 * float(np.mean(to_mesh_m < FINE_M)),
         ghost_percent=100.0 * float(np.mean(to_truth_m > FAR_OFF_M)),
-        lost_percent=100.0 * float(np.mean(to_mesh_m > FAR_OFF_M)),
     )

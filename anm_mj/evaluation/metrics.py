@@ -47,6 +47,8 @@ class RunSummary:
     """Steps of the return to the start; None where the robot was not to go back, or did not come to it."""
     return_distance_m: float | None = None
     """Distance to the start at the end, as the robot believes it; None where it was not to go back [m]."""
+    surface_lost_percent: float | None = None
+    """Share of the observed surface that the map takes for free space: carved away [%]."""
     people_nearest_m: float | None = None
     """Smallest distance between the robot's body and a person's; None, as the next three, among nobody [m]."""
     people_contacts: int | None = None
@@ -96,8 +98,6 @@ class Metrics:
     observed_chamfer_cm: float | None = None
     ghost_percent: float | None = None
     """Share of the reconstructed mesh farther than 10 cm from the true surface [%]."""
-    surface_lost_percent: float | None = None
-    """Share of the observed surface farther than 10 cm from the reconstructed mesh [%]."""
     novel_views: int | None = None
     """Novel views that the map was evaluated on. The next six are means over them."""
     novel_view_psnr_db: float | None = None
@@ -151,13 +151,14 @@ class Metrics:
     stage_hz: dict[str, float]
     """Rate of each stage of the loop, as if it were the only one [steps/s]."""
     stop_reason: str | None = None
-    """This and the next ten: see :class:`RunSummary`."""
+    """This and the next eleven: see :class:`RunSummary`."""
     wall_s: float | None = None
     hz: float | None = None
     evaluation_s: float | None = None
     peak_rss_mib: float | None = None
     return_steps: int | None = None
     return_distance_m: float | None = None
+    surface_lost_percent: float | None = None
     people_nearest_m: float | None = None
     people_contacts: int | None = None
     moved_precision_percent: float | None = None
@@ -242,7 +243,6 @@ def summarise(
         observable_ratio_before=before and before.observable_ratio_percent,
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
         ghost_percent=whole and whole.ghost_percent,
-        surface_lost_percent=observed and observed.lost_percent,
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
         **(trajectory or {}),

@@ -53,14 +53,14 @@ class LensDistortion:
         named = head.strip()[:1].isalpha() and head.strip().lower() not in ("nan", "inf", "infinity")
         values = [float(word) for word in (rest if named else (head, *rest))]
         if named:
-            return cls.of(head.strip(), values or (0.0,), "as given")
+            return cls.of(head.strip(), values, "as given")
         return cls.of("plumb_bob" if len(values) <= 5 else "rational_polynomial", values, "as given")
 
     @classmethod
     def of(cls, model: str, coefficients: Sequence[float], source: str = "by its files") -> LensDistortion | None:
         """The distortion of a model by name; missing coefficients are 0. None where there is none.
 
-        A fisheye lens whose coefficients are all 0 is none of those: it images angles, not their tangents.
+        A fisheye lens has some even where its coefficients are 0: it images angles, not their tangents.
 
         Raises:
             ValueError: the model is unknown, has fewer coefficients, or one of them is not finite.
@@ -69,7 +69,7 @@ class LensDistortion:
         values = tuple(float(value) for value in coefficients)
         if not np.isfinite(values).all():
             raise ValueError(f"the distortion {values} is not finite")
-        if not values or (name != EQUIDISTANT and not any(values)):
+        if name != EQUIDISTANT and not any(values):
             return None
         while values and values[-1] == 0.0:
             values = values[:-1]

@@ -1,4 +1,4 @@
-"""Finds the floor below the cameras of a recorded sequence."""
+"""Finds the floor below the cameras of a recorded sequence, and how the first of them is held above it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ import logging
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float32, Float64
+from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions, transform_points
 from anm_mj.io.sequence import Sequence
+from anm_mj.localisation.floor_plane import pose_above_floor
+from anm_mj.types import Observation
 
 _FLOOR_FRAMES, _FLOOR_BIN_M, _FLOOR_SHARE = 30, 0.02, 0.3
 _GUESSED_M = 1.0
 """A camera of which nothing is known stands so high [m]."""
+_LEVEL_DEG = 2.0
+"""A first camera that is tilted by less is taken to be held level."""
 
 _logger = logging.getLogger(__name__)
 
@@ -37,10 +43,7 @@ def find_floor_m(sequence: Sequence) -> float:
     some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)], max_bad=1.0)
     heights = []
     for observation in some.observations(says_bad=False):
-        depth_m = observation.depth_m[::4, ::4]
-        measured = np.isfinite(depth_m)
-        points = pixel_directions(observation.intrinsics)[::4, ::4][measured] * depth_m[measured][:, None]
-        heights.append(transform_points(observation.T_world_camera, points)[:, 2])
+        heights.append(transform_points(observation.T_world_camera, _some_points(observation))[:, 2])
     if not heights:
         next(sequence.first().observations())
     below = np.median([frame.T_world_camera[2, 3] for frame in some.frames])
@@ -55,3 +58,38 @@ def find_floor_m(sequence: Sequence) -> float:
     lowest = levels[np.argmax(both >= _FLOOR_SHARE * both.max())]
     near = z[np.abs(z - (lowest + 1.0) * _FLOOR_BIN_M) < 2 * _FLOOR_BIN_M]
     return float(np.median(near))
+
+
+def levelled(sequence: Sequence, up: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
+    """How the world of a sequence without poses, that of its first camera, is turned so that z points up.
+
+    Args:
+        sequence: Its first frame shows the floor, or another level surface as the lowest one.
+        up: The turn for a camera that is held level; it stands where no floor shows that the camera is not.
+    """
+    try:
+        seen = pose_above_floor(_some_points(next(sequence.first().observations())), np.random.default_rng(0))
+    except RunFolderError:
+        seen = None
+    if seen is None:
+        return up
+    normal = up @ seen[2, :3]
+    tilt_rad = np.arccos(np.clip(normal[2], -1.0, 1.0))
+    if np.degrees(tilt_rad) < _LEVEL_DEG:
+        return up
+    _logger.warning(
+        "The first camera of %s is tilted by %.0f deg against the floor that it shows: the world is levelled by that "
+        "(--up=-y: it is held level).",
+        sequence.path,
+        np.degrees(tilt_rad),
+    )
+    axis = np.cross(normal, (0.0, 0.0, 1.0))
+    return Rotation.from_rotvec(tilt_rad * axis / np.linalg.norm(axis)).as_matrix() @ up
+
+
+def _some_points(observation: Observation) -> Float32[np.ndarray, "n 3"]:
+    """Of every fourth row and column, in the camera's axes [m]."""
+    depth_m = observation.depth_m[::4, ::4]
+    measured = np.isfinite(depth_m)
+    points = pixel_directions(observation.intrinsics)[::4, ::4][measured] * depth_m[measured][:, None]
+    return points.astype(np.float32)

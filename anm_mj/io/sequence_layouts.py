@@ -31,7 +31,7 @@ from anm_mj.io.plausible_sequence import (
 )
 from anm_mj.io.rosbag import read_recording
 from anm_mj.io.sequence import MAX_BAD, Sequence, ranges_text
-from anm_mj.io.sequence_floor import find_floor_m, floor_below_first_m
+from anm_mj.io.sequence_floor import find_floor_m, floor_below_first_m, levelled
 from anm_mj.io.sequence_poses import MATCH_S
 
 UP = {
@@ -58,7 +58,7 @@ class SequenceOptions:
     """Metres per unit of a depth PNG."""
     up: str | None = None
     """Axis of the sequence's world that points up: a key of ``UP``; None = as in the layout. Without poses that world
-    is the first camera's: None = -y, a camera that is held level."""
+    is the first camera's: None = that of the floor that it shows, else -y, a camera that is held level."""
     floor_m: float | None = None
     """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others, without
     poses from that of the first frame."""
@@ -146,14 +146,16 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     check_sequence(sequence)
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
-    sequence = replace(sequence, frames=sequence.frames[:: options.every])
     usual = LAYOUTS[found].up if found in LAYOUTS else "z"
     up = options.up or (usual if sequence.has_poses else "-y")
     if sequence.has_poses and up == usual != "z":
         _logger.info("%s: %s points up, as the layout %s has it (--up).", path, up, found)
     if options.judge is not None:
         sequence, up = options.judge(sequence, up)
-    sequence = sequence.moved(rigid_transform(UP[up].ravel(), np.zeros(3)))
+    # Offsets in time are told by poses that follow one another closely.
+    sequence = replace(sequence, frames=sequence.frames[:: options.every])
+    turn = UP[up] if sequence.has_poses or options.up is not None else levelled(sequence, UP[up])
+    sequence = sequence.moved(rigid_transform(turn.ravel(), np.zeros(3)))
     floor_m = options.floor_m
     if floor_m is None:
         ours = sequence.has_poses and found in LAYOUTS and LAYOUTS[found].ours
@@ -176,6 +178,11 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
     folder = path.parent if path.name == "transforms.json" else path
     if options.topics:
         raise RunFolderError(f"{path} is no ROS bag, so it has no topics; leave out --topic.")
+    if path.suffix == ".r3d" or (os.path.isdir(folder) and is_there(folder, "rgbd/*.depth")):
+        raise RunFolderError(
+            f"{path} is a recording of Record3D itself, whose depth is packed as LZFSE: let the app export it as EXR "
+            "and RGB, and give that folder."
+        )
     if not os.path.isdir(folder):  # Unlike Path.is_dir, never an error.
         raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
     signs = {name: layout.sign if options.needs_poses else layout.unposed_sign for name, layout in LAYOUTS.items()}

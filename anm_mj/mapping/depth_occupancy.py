@@ -159,9 +159,9 @@ class DepthOccupancy:
         self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
 
-    def hold_moved(self) -> None:
+    def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
         """See :class:`anm_mj.protocols.FindsMoved`."""
-        self._moved.hold(self.voxels, self._num_frames)
+        self._moved.hold(self.voxels, discs, self._num_frames)
 
     def release_moved(self) -> bool:
         """See :class:`anm_mj.protocols.FindsMoved`."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Int64, UInt8
+from jaxtyping import Float, Int64, UInt8
 
 from anm_mj.mapping.depth_noise import EXACT_PER_M
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
@@ -24,8 +24,8 @@ from anm_mj.types import FREE, OCCUPIED, Observation
 
 NOISE_REACH = 4.0
 """Depth may be too short by so many standard deviations."""
-_HELD = 1
-"""Log-odds of a voxel that is taken for an obstacle for now; less than those of any hit."""
+_HELD_M = 0.1, 1.5
+"""Heights up to which what is held is an obstacle [m]."""
 
 
 class MovedVoxels:
@@ -41,9 +41,12 @@ class MovedVoxels:
 
     def take(self, voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int) -> None:
         """Note that something moved in voxels, given by x, y and z index; what stays there becomes surface."""
-        for x, y in np.unique(places[:, :2] // BLOCK, axis=0).tolist():
-            self._last[x, y] = frame
         self._newest = np.unique(places, axis=0)
+        columns = np.unique(self._newest[:, :2] // BLOCK, axis=0).tolist()
+        new = [column for column in columns if tuple(column) not in self._last]
+        self._last |= {(x, y): frame for x, y in columns}
+        if new:
+            self._begin(voxels, np.array(new))
         _, cells = voxels.cells_of(self._newest)
         raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + self.config.stay, self._occupancy.limit)
         # What nobody has looked through holds no evidence to be outweighed.
@@ -56,26 +59,42 @@ class MovedVoxels:
         voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
         voxels.column_version[row // BLOCK, col // BLOCK] = frame
 
-    def hold(self, voxels: VoxelArrays, frame: int) -> None:
-        """Take what moved last for an obstacle; looking through it once frees it."""
-        self._set(voxels, self._newest, frame, below=0, log_odds=_HELD, state=OCCUPIED)
-        self._held = np.concatenate((self._held, self._newest))
+    def _begin(self, voxels: VoxelArrays, columns: Int64[np.ndarray, "n 2"]) -> None:
+        """Something comes into columns of blocks: what is surely free there is so however often it was looked at.
+
+        Else what stays would become surface the sooner, the less often the place was seen before.
+        """
+        keys = self._newest[:, 0] // BLOCK, self._newest[:, 1] // BLOCK
+        fresh = (keys[0][:, None] == columns[:, 0]) & (keys[1][:, None] == columns[:, 1])
+        _, cells = voxels.cells_of(self._newest[fresh.any(axis=1)])
+        free = voxels.log_odds[cells] <= -self.config.free_looks * self._occupancy.miss
+        voxels.log_odds[tuple(axis[free] for axis in cells)] = -self._occupancy.limit
+
+    def hold(self, voxels: VoxelArrays, discs: Float[np.ndarray, "n 3"], frame: int) -> None:
+        """Take what moved last for an obstacle, and discs about x and y with a radius [m]; looking through frees it."""
+        edge = self._occupancy.voxel_m
+        low, high = (round(height / edge) for height in _HELD_M)
+        held = [self._newest]
+        for x, y, radius in discs / edge:
+            reach = math.ceil(radius)
+            column = np.mgrid[-reach : reach + 1, -reach : reach + 1, low : high + 1].reshape(3, -1).T
+            held.append((column + np.rint([x, y, 0.0]).astype(np.int64))[np.hypot(*column[:, :2].T) <= radius])
+        self._held = np.unique(np.concatenate((self._held, *held)), axis=0)
+        self._set(voxels, self._held, frame, FREE, OCCUPIED)
 
     def release(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take what was held for an obstacle for free space; whether any was left."""
-        found = self._set(voxels, self._held, frame, below=_HELD, log_odds=-self.config.free_looks, state=FREE)
+        found = self._set(voxels, self._held, frame, OCCUPIED, FREE)
         self._held = self._held[:0]
         return found
 
     @staticmethod
-    def _set(
-        voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, *, below: int, log_odds: int, state: int
-    ) -> bool:
-        """Set those of some voxels whose log-odds are ``below`` that or equal, and observed; whether there were any."""
+    def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:
+        """Change the states of places whose log-odds say free, and keep those; whether there were any."""
         _, (layer, row, col) = voxels.cells_of(places)
-        chosen = (voxels.log_odds[layer, row, col] <= below) & (voxels.state[layer, row, col] != state)
+        chosen = (voxels.log_odds[layer, row, col] < 0) & (voxels.state[layer, row, col] == old)
         layer, row, col = layer[chosen], row[chosen], col[chosen]
-        voxels.log_odds[layer, row, col], voxels.state[layer, row, col] = log_odds, state
+        voxels.state[layer, row, col] = state
         voxels.column_version[row // BLOCK, col // BLOCK] = frame
         return bool(chosen.any())
 

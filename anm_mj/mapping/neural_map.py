@@ -90,9 +90,9 @@ class NeuralMap:
         moved = self.occupancy.by_depth.find_moved(judge_pixels(observation))
         return observation if moved is None else without_moved(observation, moved)
 
-    def hold_moved(self) -> None:
-        """Take what the last frame showed to move for an obstacle, until it is looked through or released."""
-        self.occupancy.by_depth.hold_moved()
+    def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
+        """Take what the last frame showed to move for an obstacle; see the protocol."""
+        self.occupancy.by_depth.hold_moved(discs)
 
     def release_moved(self) -> bool:
         """Take nothing that moved for an obstacle any more; whether anything was."""

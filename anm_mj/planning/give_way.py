@@ -32,3 +32,10 @@ def in_the_way(things: Sequence[MovingThing], footprint: Footprint, pose: Pose2,
             if math.hypot(max(along_m - reach_m, 0.0), aside_m) < least_m:
                 return thing
     return None
+
+
+def held_disc(thing: MovingThing, footprint: Footprint, pose: Pose2, time_s: float) -> tuple[float, float, float]:
+    """The disc, by x, y and radius [m], that paths around a thing keep off; the robot is not in it."""
+    x_m, y_m = thing.after(time_s)
+    room_m = math.dist((x_m, y_m), pose.xy_m) - footprint.radius_m
+    return x_m, y_m, max(0.0, min(thing.radius_m + KEPT_STANDING_M, room_m - KEPT_STANDING_M))

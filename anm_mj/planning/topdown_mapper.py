@@ -212,6 +212,9 @@ class TopDownMapper:
         layers = self._layers
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < self._enough(grid)
+        if self.footprint.is_wide:
+            # For others a cell at the side of a passage does not matter.
+            unknown &= ~layers.hit[around]
         holes = np.zeros_like(unknown)
         max_cells = self.config.hole_area_m2 / grid.resolution_m**2
         _native.small_components(unknown.view(np.uint8), max_cells, holes.view(np.uint8))

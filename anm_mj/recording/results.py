@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.evaluation.completion import COVERED_M
+from anm_mj.evaluation.lost_surface import lost_percent
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
 from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
@@ -28,7 +30,7 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.recording.run_log import tum_line
-from anm_mj.types import ExploredState, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
+from anm_mj.types import ExploredState, OccupancyGrid, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.utils.files import atomic_write, write_text
 from anm_mj.utils.memory import malloc_trim
 
@@ -55,6 +57,10 @@ class FinishedMap(Protocol):
     @property
     def is_trained(self) -> bool:
         """Whether it has a surface: whether anything was trained."""
+        ...
+
+    def occupancy_grid(self) -> OccupancyGrid:
+        """Free, occupied and unknown space."""
         ...
 
     def mesh(self, resolution_m: float) -> trimesh.Trimesh:
@@ -169,6 +175,9 @@ def write_results(
     write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
     # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
     curve.last()
+    if recorder.truth is not None:
+        lost = lost_percent(finished.occupancy_grid(), recorder.truth.samples[curve.distance_m < COVERED_M])
+        summary = replace(summary, surface_lost_percent=lost)
     uncapped_cm: list[float | None] = [None]
     truth = recorder.truth
     if truth is not None:

@@ -65,6 +65,10 @@ class Pose2:
         return np.array([self.x_m, self.y_m], float)
 
 
+WIDE_M = 0.5
+"""Robots of this width are wide [m]."""
+
+
 @dataclass(frozen=True)
 class Footprint:
     """The space a robot sweeps: an upright cylinder about its base."""
@@ -75,6 +79,11 @@ class Footprint:
     """Lower obstacles do not matter [m]: the robot drives over them."""
     z_max_m: float
     """Height of the robot's top [m]."""
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether common inner doors leave the robot little room."""
+        return 2.0 * self.radius_m >= WIDE_M
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def cache(tmp_path, monkeypatch):
 
 
 def test_every_suite_has_scenes_with_hashes():
-    assert set(suite_names()) == {"smoke", "tune", "test", "large", "open"}
+    assert set(suite_names()) == {"smoke", "tune", "test", "large", "open", "people"}
     seeds = []
     for name in set(suite_names()) - {"open"}:
         sweeps, generated = read_sweeps(suite_file(name))
@@ -67,7 +67,7 @@ def test_an_entry_of_a_scene_of_others_is_checked(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["smoke", "tune", "test", "large"])
+@pytest.mark.parametrize("name", ["smoke", "tune", "test", "large", "people"])
 def test_all_published_scenes_come_out_again(name, cache):
     _, generated = read_sweeps(suite_file(name))
     for wanted in generated.values():

@@ -34,9 +34,16 @@ TEXT = (
     ".jsonl",
     ".tum",
     ".csv",
+    ".traj",
+    ".pincam",
+    ".freiburg",
+    ".log",
 )
 ARRAYS = {".npz": damaged_npz, ".safetensors": damaged_safetensors, ".checkpoint": damaged_checkpoint}
-_FIRST_ONLY = ("depth", "images", "plans", "rgb", "results")
+_FIRST_ONLY = (
+    *("depth", "images", "plans", "rgb", "results", "color", "pose", "confidence", "cameras"),
+    *("lowres_wide", "lowres_depth", "lowres_wide_intrinsics"),
+)
 """Of the files in such folders the first is damaged."""
 _WRITTEN_ONLY = ("topdown.png", "curve.png", "trajectory.tum")
 """Files of a run that no command reads."""

@@ -39,12 +39,14 @@ def commands(kind: str, paths: dict[str, Path]) -> list[tuple[str, ...]]:
     if kind == "benched":
         return [("bench", "in/bench.toml", "--out", name)]
     if kind in SEQUENCES:
-        return [("map", name, *_SHORT, "--out", "out")]
+        given = ("--camera", "32,32,32,32") if kind == "7scenes" else ()
+        return [("map", name, *_SHORT, *given, "--out", "out")]
     return [("scene", "import", name, "out", *(("--up", "z") if kind in ("obj", "ply", "stl") else ()))]
 
 
 SEQUENCES = (
     *("tum", "nerfstudio", "replica", "sequence"),
+    *("7scenes", "scannet", "stray", "polycam", "record3d", "arkitscenes", "icl", "open3d"),
     *("bag", "bag-file", "bag-message", "mcap", "mcap-zstd", "bag1", "bag1-bz2"),
 )
 """Kinds of recorded sequences."""

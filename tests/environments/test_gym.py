@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 import anm_mj
 import anm_mj.environments
 from anm_mj.environments.gym import ExploreEnv
+from anm_mj.environments.wrappers import KeepDistance
 from anm_mj.errors import RenderError, TaskError
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim import gl
@@ -188,3 +189,18 @@ def test_the_example_runs():
     program = [sys.executable, "scripts/gym_random.py", "home", "--num-envs", "1", "--num-steps", "5"]
     done = subprocess.run(program, capture_output=True, text=True, check=True, cwd=_ROOT)
     assert "steps/s" in done.stdout
+
+
+def test_people_walk_in_an_environment_and_nearness_costs():
+    env = KeepDistance(gymnasium.make(_ID, **_OPTIONS, people=2), within_m=100.0, weight=1.0)
+    _, info = env.reset(seed=3)
+    start_m, steps = info["people_m"], [env.step(2) for _ in range(3)]
+    env.reset(seed=3)
+    again = [env.step(2) for _ in range(3)]
+    env.close()
+
+    assert 0.0 < start_m < 20.0
+    assert all(info["cost"] == 1.0 - info["people_m"] / 100.0 for *_, info in steps)
+    assert [step[1] for step in steps] == [step[1] for step in again]
+    with pytest.raises(TaskError, match="within_m is 0; give a distance above 0 m"):
+        KeepDistance(env, within_m=0.0, weight=1.0)

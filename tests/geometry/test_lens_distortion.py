@@ -108,7 +108,7 @@ def test_no_distortion_is_none_and_aliases_are_known():
     assert LensDistortion.of("plumb_bob", (0.0,) * 5) is None
     assert LensDistortion.of("anything", ()) is None
     assert lens_of("fisheye", (0.1,)).model == "equidistant"
-    assert LensDistortion.of("fisheye", ()) is None
+    assert lens_of("fisheye", ()) == lens_of("equidistant", (0.0,))
     # Without coefficients it is a lens still: an angle of 45 degrees is imaged at pi / 4.
     np.testing.assert_allclose(lens_of("fisheye", (0.0,) * 4).distorted(np.array([[1.0, 0.0]])), [[math.pi / 4, 0.0]])
     assert lens_of("rational_polynomial", (0.0,) * 8 + (0.1,)).model == "thin_prism"

@@ -4,10 +4,12 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
@@ -111,6 +113,32 @@ def test_openexr_is_named_where_it_is_not_installed(tmp_path, monkeypatch):
     write_record3d(tmp_path, WALK, lambda path, _: path.write_bytes(b"x"))
     with pytest.raises(RunFolderError, match=r"needs the package OpenEXR: pip install 'anm-mj\[exr\]'"):
         open_sequence(tmp_path)
+
+
+def test_a_recording_of_record3d_itself_is_refused_with_the_way_out(tmp_path):
+    (tmp_path / "rgbd").mkdir()
+    (tmp_path / "rgbd" / "0.depth").write_bytes(b"bvx2")
+    (tmp_path / "metadata").write_text("{}")
+    for path in (tmp_path, tmp_path / "scan.r3d"):
+        with pytest.raises(RunFolderError, match="let the app export it as EXR and RGB"):
+            open_sequence(path)
+
+
+@pytest.mark.parametrize(("down_deg", "roll_deg"), [(0, 0), (25, 0), (40, 8), (10, -12)])
+def test_without_poses_the_world_is_levelled_by_the_floor_in_the_first_image(tmp_path, caplog, down_deg, roll_deg):
+    one = WALK[0]
+    T = one.T_world_camera.copy()
+    T[:3, :3] = T[:3, :3] @ Rotation.from_euler("xz", [-down_deg, roll_deg], degrees=True).as_matrix()
+    depth_m = room_depth(T, one.intrinsics)
+    write_tum(tmp_path, [replace(one, T_world_camera=T, depth_m=depth_m)])
+    (tmp_path / "groundtruth.txt").unlink()
+    options = SequenceOptions(camera=(32.0, 32.0, 32.0, 32.0), needs_poses=False)
+    found = next(open_sequence(tmp_path, options)[0].observations()).T_world_camera
+    # Up in the camera, and its height.
+    np.testing.assert_allclose(found[2], T[2], atol=0.02)
+    assert ("is tilted by" in caplog.text) is (down_deg > 0)
+    stated = open_sequence(tmp_path, replace(options, up="-y", floor_m=-1.0))[0].frames[0].T_world_camera
+    np.testing.assert_allclose(stated[2], (0.0, -1.0, 0.0, 1.0), atol=1e-9)
 
 
 def test_each_frame_is_seen_by_its_own_camera(tmp_path):

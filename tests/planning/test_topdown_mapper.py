@@ -59,6 +59,16 @@ def test_small_enclosed_unknown_is_taken_as_free_and_large_is_not():
     assert state_at(large, 2.3, 1.3) == UNKNOWN
 
 
+def test_for_a_wide_robot_a_wall_encloses_a_pocket_before_it():
+    wall = (2.0, 0.2, 2.1, 2.2)
+    world = room(4, 2, boxes=[wall], unknown=[(1.95, 1.0, 2.0, 1.1), (2.1, 0.2, 4.2, 2.2)])
+    for body, pocket in ((Footprint(0.3, 0.05, 1.35), FREE), (BODY, UNKNOWN)):
+        mapper = TopDownMapper(PlanningConfig(), body)
+        topdown = topdown_map(mapper, world.occupancy, world.sdf, Pose2(1, 1.5, 0))
+        assert topdown.state[20, 39] == pocket
+        assert topdown.state[20, 60] == UNKNOWN
+
+
 def test_remembered_sdf_stays_in_place_when_the_grid_grows():
     world = BoxWorld((3, 3), [(0, 0, 1.10, 3)])
     world.boxes = np.array([[0, 0, 1.12, 3.0]])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.planning.give_way import in_the_way
+from anm_mj.planning.give_way import held_disc, in_the_way
 from anm_mj.sensing.moving_things import MovingThing, MovingThings
 from anm_mj.sensing.pixel_state import without_moved
 from anm_mj.types import Footprint, Pose2
@@ -71,3 +71,10 @@ def test_the_robot_waits_for_what_is_or_comes_in_its_way(x_m, y_m, velocity, wai
     # The same turned by a quarter.
     turned = MovingThing(-y_m, x_m, (-velocity[1], velocity[0]), 0.25, 0.0)
     assert (in_the_way([turned], BODY, Pose2(0.0, 0.0, math.pi / 2), 0.0) is turned) is waits
+
+
+def test_paths_keep_off_the_disc_of_a_thing_which_leaves_room_for_the_robot():
+    far, near = (MovingThing(0.0, x_m, (0.0, 0.0), 0.25, 0.0) for x_m in (2.0, 0.4))
+
+    assert held_disc(far, BODY, Pose2(0.0, 0.0, 0.0), 0.0) == pytest.approx((0.0, 2.0, 0.32))
+    assert held_disc(near, BODY, Pose2(0.0, 0.0, 0.0), 0.0) == pytest.approx((0.0, 0.4, 0.15))

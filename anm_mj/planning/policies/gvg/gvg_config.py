@@ -74,6 +74,8 @@ class GvgConfig(PolicyConfig):
     """Expected errors of the surface are recomputed within this distance of the robot and remembered beyond [m]."""
     improvement_steps: int = 24
     """While the robot keeps a target, expected errors are recomputed after this many steps."""
+    door_share: float = setting(0.5, at_least=0.0)
+    """A wide robot looks at a narrow passage where more is expected behind it than this share of the best place."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8

@@ -25,7 +25,6 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window
-from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
@@ -34,6 +33,7 @@ from anm_mj.planning.policies.gvg.candidate_places import CandidatePlaces, candi
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.planning.policies.gvg.gvg_config import AS_MANY_AS_NEEDED, GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
+from anm_mj.planning.policies.gvg.narrow_doors import NarrowDoors
 from anm_mj.planning.policies.gvg.place_kinds import KINDS
 from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
@@ -71,6 +71,7 @@ class Gvg:
         self._tracker = GainTracker(self.config)
         self._stagnation = StagnationDetector(self.config)
         self._unmeasured = UnmeasuredRays()
+        self._doors = NarrowDoors(self.config, self._stages, is_wide=context.footprint.is_wide)
         self._gain: InformationGain | None = None
         self._target: ActiveTarget | None = None
         self._closed: TargetOutcome | None = None
@@ -149,9 +150,13 @@ class Gvg:
             gain.place_kinds.update(gain.occupancy, state.pose)
             if self._target is not None and self._target.is_reached(state.pose):
                 self._close_target(gain, state.pose)
+        state, look = self._doors.consider(state, gain)
+        if look is not None:
+            self._close_target(gain, state.pose)
+            return look
         plan = self._decide(state, gain, mapper, observation)
         if plan.stop is not None and (
-            self._stages.shrink_collisions(np.isfinite(state.paths.distance_m)) or self._drop_margin(state, gain)
+            self._stages.shrink_collisions(np.isfinite(state.paths.distance_m)) or self._doors.drop_margin(state, gain)
         ):
             return Plan(TRY_AGAIN, actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
         if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
@@ -188,13 +193,6 @@ class Gvg:
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
-
-    def _drop_margin(self, state: PlanningState, gain: InformationGain) -> bool:
-        """Keep no margin from now on where much is expected behind a narrow passage; whether this may open a way."""
-        _, beyond_m = narrow_gaps(state)
-        if not len(beyond_m) or gain.best_view_gains(beyond_m).max() < self.config.large_gain_m2:
-            return False
-        return self._stages.drop_margin()
 
     def _can_improve(self, mapper: Mapper) -> bool:
         """Whether views could count what they improve, and do not yet."""

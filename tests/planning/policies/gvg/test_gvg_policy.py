@@ -128,3 +128,39 @@ def test_a_passage_without_room_for_a_margin_is_tried_before_the_end():
     assert first.reason == TRY_AGAIN
     # It is too narrow for the body as well.
     assert second.stop is StopReason.COMPLETE
+
+
+def plans_of(radius_m, low_m, high_m, num=4, **settings):
+    """Decisions before a passage to a dark hall, in a room of which a corner is dark as well."""
+    boxes = [(4.2, 0.2, 4.3, low_m), (4.2, high_m, 4.3, 4.2)]
+    world = room(8, 4, boxes=boxes, unknown=[(5.8, 0.2, 8.2, 4.2), (0.2, 3.4, 1.0, 4.2)])
+    context = PolicyContext(Footprint(radius_m, 0.05, 1.35), GvgConfig(bootstrap_turns=0, **settings))
+    gvg, pose, plans = Gvg(context), Pose2(3.0, 1.6, np.pi), []
+    for step in range(num):
+        plans.append(gvg.plan(world, observation(pose, step)))
+        if len(plans[-1].path_xy_m):
+            pose = Pose2(*plans[-1].path_xy_m[-1], plans[-1].headings_rad[-1])
+    return plans
+
+
+def test_a_wide_robot_keeps_no_margin_where_much_lies_behind_a_door():
+    # 0.6 m: room for the body of 0.54 m, not for its margins.
+    plans = plans_of(0.27, 1.3, 1.9)
+    assert not any("passage" in plan.reason for plan in plans)
+    assert any(plan.path_xy_m[-1][0] > 4.3 for plan in plans if len(plan.path_xy_m))
+
+
+def test_a_wide_robot_looks_at_a_door_that_seems_too_narrow_twice():
+    plans = plans_of(0.27, 1.4, 1.85)
+    assert [plan.reason.startswith("a look through the narrow passage") for plan in plans] == [1, 0, 0, 0]
+    assert [plan.reason.startswith("a look beside the narrow passage") for plan in plans] == [0, 1, 0, 0]
+    towards = np.array([4.25, 1.62]) - plans[0].path_xy_m[-1]
+    assert abs(np.arctan2(towards[1], towards[0]) - plans[0].headings_rad[0]) < 0.6
+
+
+def test_what_lies_behind_a_door_has_its_price():
+    assert not any("passage" in plan.reason for plan in plans_of(0.27, 1.4, 1.85, door_share=100.0))
+
+
+def test_doors_are_wide_enough_for_other_robots():
+    assert not any("passage" in plan.reason for plan in plans_of(0.18, 1.4, 1.7))
