@@ -26,6 +26,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Mapper, Policy
+from anm_mj.ros.drive_config import RosConfig
 from anm_mj.types import (
     Footprint,
     Intrinsics,
@@ -108,6 +109,7 @@ def reference() -> str:
     parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
     parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))
     parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]
+    parts.append(_section("`ros.*`", "Of `anm-mj drive`: [ros.md](ros.md).", _rows(RosConfig(), "ros.")))
     known: dict[type, list[str]] = {}
     for name in policies():
         known.setdefault(getattr(policy_class(name), "Config", object), []).append(name)

@@ -1,14 +1,16 @@
 """What a policy hears of."""
 
 from dataclasses import replace
+from typing import Protocol
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
+from anm_mj.localisation.localiser import Localiser, PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.loop_stages import doubt_stop, give_way, learn
 from anm_mj.loop_state import LoopState
+from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
 from anm_mj.sensing.moving_things import MovingThing
 from anm_mj.types import Action, Footprint, MapUpdate, Plan, Pose2, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
@@ -20,12 +22,16 @@ def test_a_policy_hears_of_what_enters_the_map(usable):
     seen = observe(0, Pose2(0.0, 0.0, 0.0))
     quality = RegistrationQuality(1.0, 1.0, 0.0, 3, 3)
     estimate = PoseEstimate(seen, np.eye(6), quality, TrackingState.TRACKING, usable)
-    localiser = Mock(integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
-    policy = Mock()
+    localiser = Mock(spec=Localiser, integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
+    policy = Mock(spec=Policy)
 
-    learn(seen, estimate, localiser, Mock(), policy, Stopwatch())
+    learn(seen, estimate, localiser, Mock(spec=Mapper), policy, Stopwatch())
 
     assert policy.observe.called == localiser.integrate.called == usable
+
+
+class FindingMapper(Mapper, FindsMoved, Protocol):
+    """A map that finds what moves."""
 
 
 AHEAD = MovingThing(0.6, 0.0, (-0.3, 0.0), 0.25, 0.0)
@@ -39,7 +45,11 @@ def state_before(*things: MovingThing) -> LoopState:
 
 
 def test_a_robot_waits_patiently_and_then_takes_what_moves_for_an_obstacle():
-    robot, mapper, state = Mock(footprint=Footprint(0.18, 0.05, 1.35)), Mock(), state_before(AHEAD)
+    robot, mapper, state = (
+        Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)),
+        Mock(spec=FindingMapper),
+        state_before(AHEAD),
+    )
     state.follower.start(Plan("", np.array([[0.0, 0.0], [3.0, 0.0]])))
 
     done = [give_way(Action.MOVE_FORWARD, robot, mapper, state) for _ in range(2)]
@@ -55,19 +65,21 @@ def test_a_robot_waits_patiently_and_then_takes_what_moves_for_an_obstacle():
 
 
 def test_what_stands_in_the_way_is_not_waited_for_long():
-    robot, mapper = Mock(footprint=Footprint(0.18, 0.05, 1.35)), Mock()
+    robot, mapper = Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)), Mock(spec=FindingMapper)
     give_way(Action.MOVE_FORWARD, robot, mapper, state_before(replace(AHEAD, velocity_mps=(0.0, 0.0))))
 
     assert mapper.hold_moved.called
 
 
 def test_a_robot_turns_whoever_is_near():
-    assert give_way(Action.TURN_LEFT, Mock(), Mock(), state_before(AHEAD)) is Action.TURN_LEFT
+    assert (
+        give_way(Action.TURN_LEFT, Mock(spec=Robot), Mock(spec=FindingMapper), state_before(AHEAD)) is Action.TURN_LEFT
+    )
 
 
 @pytest.mark.parametrize("stop", [StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET])
 def test_a_run_does_not_end_because_somebody_stands_there_nor_wait_for_ever(stop):
-    state, mapper = state_before(AHEAD), Mock(release_moved=Mock(return_value=False))
+    state, mapper = state_before(AHEAD), Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
     decisions = [doubt_stop(Plan("done", stop=stop), mapper, state) for _ in range(5)]
 
     assert [plan.stop for plan in decisions] == [None, None, None, stop, stop]
@@ -75,7 +87,7 @@ def test_a_run_does_not_end_because_somebody_stands_there_nor_wait_for_ever(stop
 
 
 def test_a_run_ends_where_nothing_moves_or_an_error_ends_it():
-    mapper = Mock(release_moved=Mock(return_value=False))
+    mapper = Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
     complete, error = Plan("done", stop=StopReason.COMPLETE), Plan("oh", stop=StopReason.POLICY_ERROR)
 
     assert doubt_stop(complete, mapper, state_before()) is complete

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
+from pathlib import Path
 from typing import Annotated, Any
 
 from anm_mj.cli.command_line import Fields, Option
@@ -31,12 +31,12 @@ def simulate(
     settings: Settings = (),
     **options: Annotated[Any, Fields(_robot_fields)],
 ) -> int:
-    """Let other programs drive the simulated robot in a scene, over ROS 2 and without an installation of it.
+    """Let other programs drive the simulated robot in a scene, or hear a recording, over ROS 2 without installing it.
 
     Example: anm-mj simulate home --ros
 
     Args:
-        scene: name from the catalogue (anm-mj scene list), a scene folder, or a file to import
+        scene: name from the catalogue (anm-mj scene list), a scene folder, a file to import, or a ROS 2 bag to play
         ros: speak ROS 2 (DDS, domain ROS_DOMAIN_ID)
         namespace: of its topics, where there are several robots
         rate: simulated seconds per second; what cannot be drawn in time is left out
@@ -52,6 +52,7 @@ def simulate(
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.progress import Interrupt
     from anm_mj.config import DEFAULT_PRESET, make_config
+    from anm_mj.io.bag_files import is_recording
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.importing.import_on_demand import folder_of
     from anm_mj.sim.gl import select_backend
@@ -60,8 +61,16 @@ def simulate(
         raise ConfigError("--ros is missing; it is the only way in which other programs can drive the robot so far.")
     from anm_mj.ros.node import Node
 
-    if not os.path.isdir(scene):
-        select_backend()
+    console = PlainConsole()
+    if is_recording(Path(scene)):
+        from anm_mj.ros.bag_player import play
+
+        with Node(namespace) as node, Interrupt(console, "Ending.") as interrupt:
+            console.say(f"{scene} is played at {rate:g} times its time; Ctrl-C ends it.")
+            count = play(Path(scene), node, rate=rate, until=lambda: interrupt.is_requested)
+        console.say(f"{count} messages were published.")
+        return 0
+    select_backend()
     config = make_config(
         DEFAULT_PRESET, list(settings), scene=folder_of(scene), sensor=sensor, pose="odometry", **options
     )
@@ -69,7 +78,6 @@ def simulate(
     from anm_mj.ros.simulated_robot import SimulatedRosRobot
     from anm_mj.sim.make_robot import make_robot
 
-    console = PlainConsole()
     with Node(namespace) as node, make_robot(world, config, knows_start=False, forgets_textures=True) as robot:
         served = SimulatedRosRobot(robot, node, image_hz=image_hz, rate=rate)
         with Interrupt(console, "Ending.") as interrupt:

@@ -6,7 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.ground_truth import GroundTruth
@@ -17,6 +20,8 @@ from anm_mj.replay.growth import first_seen
 
 CEILING_CUT_M = 2.0
 """Faces above this height are left out, for a look into the rooms from above [m]."""
+LARGE_M2, FAR_M = 1.0, 0.3
+"""Pieces of the surface of less area are left out where no larger one lies above, below or so near beside them [m]."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,8 @@ def growing_mesh(
     """
     if not run.folder.mesh.is_file():
         return None
-    vertices, faces, rgb = _below(*read_coloured_mesh(run.folder.mesh), CEILING_CUT_M)
+    vertices, faces, rgb = _of_faces(*read_coloured_mesh(run.folder.mesh), _below_the_cut)
+    vertices, faces, rgb = _of_faces(vertices, faces, rgb, without_shards)
     size_m = 0.05
     while max_faces is not None and len(faces) > max_faces:
         size_m *= 1.25
@@ -95,9 +101,31 @@ def merged(
     return mean[:, :3], faces[(a != b) & (b != c) & (a != c)], np.rint(mean[:, 3:]).astype(np.uint8)
 
 
-def _below(
-    vertices: np.ndarray, faces: np.ndarray, rgb: np.ndarray, height_m: float
+def without_shards(vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
+    """Which faces to show: none of the small pieces far from all large ones, as glimpses through windows leave them."""
+    if not len(faces):
+        return np.zeros(0, bool)
+    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    links = coo_matrix((np.ones(ends.shape[1], bool), tuple(ends)), shape=(len(vertices_m),) * 2)
+    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    a, b, c = vertices_m[faces].transpose(1, 0, 2)
+    area_m2 = np.bincount(piece, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+    middle = ((a + b + c) / 3.0)[:, :2]
+    is_large = area_m2[piece] >= LARGE_M2
+    if not is_large.any():
+        return np.ones(len(faces), bool)
+    far = KDTree(middle[is_large]).query(middle[~is_large], distance_upper_bound=FAR_M)[0] > FAR_M
+    near_faces = np.bincount(piece[~is_large], ~far, minlength=len(area_m2))
+    return is_large | (near_faces[piece] > 0)
+
+
+def _below_the_cut(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    return (vertices_m[faces, 2] < CEILING_CUT_M).all(axis=1)
+
+
+def _of_faces(
+    vertices: np.ndarray, faces: np.ndarray, rgb: np.ndarray, which: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    kept = faces[(vertices[faces, 2] < height_m).all(axis=1)]
+    kept = faces[which(vertices, faces)]
     used, place = np.unique(kept, return_inverse=True)
     return vertices[used], place.reshape(-1, 3), rgb[used]

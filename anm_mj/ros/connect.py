@@ -15,6 +15,7 @@ from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.ros.health import Health
 from anm_mj.ros.live_robot import LiveRobot
 from anm_mj.ros.names import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY_TYPE, TF, TF_STATIC, TF_TYPE
+from anm_mj.ros.navigation import ACTION, GoalTopic, NavigateAction, Navigation
 from anm_mj.ros.node import SENSOR, STATE, Delivery, Node
 from anm_mj.ros.poses import TREE, Poses
 from anm_mj.ros.rgbd_intake import RgbdIntake
@@ -33,6 +34,8 @@ class Connection:
     robot: LiveRobot
     poses: Poses
     health: Health
+    navigation: Navigation | None = None
+    """What drives the robot, where this program does not."""
 
 
 @contextmanager
@@ -60,12 +63,37 @@ def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connec
                 wrong = health.present()
                 raise RobotError(f"The run cannot begin: {missing}{f' ({wrong})' if wrong else ''}.")
             time.sleep(_LOOK_S)
-        for source in (f"the colour on {intake.colour}", f"the depth on {intake.depth}", poses.source):
+        for source in (*intake.sources, poses.source):
             health.expect(source)
-        with Commander(node, ros, health, dry=config.dry) as commander:
+        navigation = _navigation(node, config, end, is_over)
+        with Commander(node, ros, health, dry=config.dry or navigation is not None) as commander:
             robot = LiveRobot(intake, poses, commander, health, config)
             robot.is_over = is_over
-            yield Connection(node, robot, poses, health)
+            try:
+                yield Connection(node, robot, poses, health, navigation)
+            finally:
+                robot.close()
+
+
+def _navigation(node: Node, config: DriveConfig, end: float, is_over: Callable[[], bool]) -> Navigation | None:
+    """What drives the robot to goals; None where this program drives it, or nobody does.
+
+    Raises:
+        RobotError: nobody offers the action.
+    """
+    if config.dry or config.ros.drive == "velocity":
+        return None
+    if config.ros.drive == "goal_pose":
+        return GoalTopic(node)
+    action = NavigateAction(node)
+    while not action.is_there:
+        if is_over() or time.monotonic() > end:
+            raise RobotError(
+                f"The run cannot begin: nobody offers the action {node.name(ACTION)} of nav2_msgs/NavigateToPose over "
+                "Cyclone DDS; start nav2 with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or set ros.drive to goal_pose."
+            )
+        time.sleep(_LOOK_S)
+    return action
 
 
 def _topics(node: Node, config: DriveConfig, end: float, is_over: Callable[[], bool]) -> dict[str, tuple[str, str]]:

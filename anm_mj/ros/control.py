@@ -14,6 +14,7 @@ from anm_mj.loop_state import LoopState
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.ros.node import STATE, Node
+from anm_mj.ros.services import serve_trigger
 from anm_mj.utils.files import atomic_write
 
 TOPIC = "explore/command"
@@ -50,7 +51,7 @@ class Control:
         self._folder: Path | None = None
         node.subscribe(TOPIC, "std_msgs/msg/String", lambda message, _: self._obey(message.data), STATE)
         for name in COMMANDS:
-            node.trigger(f"explore/{name}", lambda name=name: self._obey(name))
+            serve_trigger(node, f"explore/{name}", lambda name=name: self._obey(name))
 
     def on_event(self, event: object) -> bool:
         """Do what was asked for; whether the run is to end. See :class:`anm_mj.events.Observer`."""

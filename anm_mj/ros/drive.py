@@ -24,6 +24,7 @@ from anm_mj.resume import resume
 from anm_mj.ros.connect import connect
 from anm_mj.ros.control import Control
 from anm_mj.ros.drive_config import DriveConfig
+from anm_mj.ros.goal_driver import GoalDriver
 from anm_mj.ros.map_publisher import MapPublisher
 from anm_mj.run import run_with
 from anm_mj.run_parts import Parts, make_localiser, make_mapper, wrapped_policy
@@ -109,6 +110,8 @@ def _parts(
         control = Control(to.node, mapper, policy, state, waits=waits)
         to.robot.is_over = lambda: asked() or control.is_over
         followers.those += [publisher, control]
+        if to.navigation is not None:
+            to.robot.goals = GoalDriver(to.navigation, to.poses, to.health, state)
         name, localiser = config.ros.namespace or LIVE, make_localiser(config, mapper)
         yield Parts(config, name, to.robot, mapper, localiser, explorer, policy, _facts(config, mapper))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from anm_mj.config import RunConfig
 from anm_mj.errors import ConfigError, RobotError
@@ -27,6 +28,9 @@ class RosConfig(Settings, group="ros", error=RobotError):
     """Topic of ``nav_msgs/Odometry``; empty = the only one there is, ``tf`` = the frames on ``/tf`` alone."""
     command: str = "cmd_vel"
     """Topic of the velocities."""
+    drive: Literal["velocity", "goal_pose", "nav2"] = setting("velocity", choices=("velocity", "goal_pose", "nav2"))
+    """Velocities, or goals for a navigation that is not ours: ``PoseStamped`` on ``goal_pose``, or nav2's
+    ``NavigateToPose``."""
     stamped: bool = False
     """Whether velocities are ``geometry_msgs/TwistStamped`` instead of ``Twist``."""
     base_frame: str = ""
@@ -49,7 +53,7 @@ class RosConfig(Settings, group="ros", error=RobotError):
     """Highest turn rate [rad/s]."""
     turn_radps2: float = setting(2.5, at_most=50.0)
     """Highest angular acceleration [rad/s²]."""
-    timeout_s: float = setting(0.25, at_least=0.02, at_most=10.0)
+    timeout_s: float = setting(0.22, at_least=0.02, at_most=10.0)
     """Without a new image or pose for so long, the robot stops [s]."""
     match_s: float = setting(0.03, at_least=0.0, at_most=1.0)
     """Colour and depth belong together where their stamps differ by no more than this [s]."""

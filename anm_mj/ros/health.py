@@ -30,10 +30,12 @@ class Health:
             self._heard.setdefault(source, (self._clock(), 0.0))
 
     def hear(self, source: str, stamp_s: float) -> None:
-        """A source goes on; a stamp that jumps is a fault."""
+        """A source goes on if its stamps do; a stamp that jumps is a fault."""
         now = self._clock()
         with self._lock:
             before = self._heard.get(source)
+            if before is not None and stamp_s == before[1]:
+                return  # What is only said again is as old as it was.
             self._heard[source] = now, stamp_s
         if before is not None and before[1] and not -1e-6 <= stamp_s - before[1] <= _JUMP_S + now - before[0]:
             self.fault(source, f"the clock of {source} jumped by {stamp_s - before[1]:+.2f} s")

@@ -15,6 +15,7 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import back_project, pose_matrix, wrap_angle
 from anm_mj.ros.commander import PERIOD_S, STILL, Commander
 from anm_mj.ros.drive_config import DriveConfig
+from anm_mj.ros.goal_driver import GoalDriver
 from anm_mj.ros.health import Health
 from anm_mj.ros.poses import Poses
 from anm_mj.ros.rgbd_intake import Rgbd, RgbdIntake, free_way_m
@@ -55,7 +56,7 @@ _logger = logging.getLogger(__name__)
 class LiveRobot:
     """A robot over the wire. It drives only while images, poses and clock are as they should be."""
 
-    REBUILT = ("_intake", "_poses", "_commander", "_health", "_config", "is_over", "_rest_s", "_last", "_way")
+    REBUILT = ("_intake", "_poses", "_commander", "_health", "_config", "is_over", "goals", "_rest_s", "_last", "_way")
 
     def __init__(
         self, intake: RgbdIntake, poses: Poses, commander: Commander, health: Health, config: DriveConfig
@@ -67,6 +68,8 @@ class LiveRobot:
         """Number of executed actions, without STOP."""
         self.is_over: Callable[[], bool] = lambda: False
         """Whether the run is to end, for waits that have no end of their own."""
+        self.goals: GoalDriver | None = None
+        """Drives the robot in place of velocities."""
         self._rest_s = -math.inf
         self._last = Pose2(0.0, 0.0, 0.0)
         self._way: tuple[float, float] = (-math.inf, math.inf)
@@ -107,6 +110,11 @@ class LiveRobot:
         if self._config.dry:
             time.sleep(_DRY_S)
             collided = False
+        elif self.goals is not None:
+            # It drives on while the run looks and decides.
+            collided, self._rest_s = self.goals.act(action, self.is_over), self._poses.latest_s
+            self.step += 1
+            return ActionResult(action, collided, _NO_WHEELS, math.dist(start.xy_m, self._pose().xy_m))
         else:
             collided = self._drive_until(start, *action_motion(action))
         self.step += 1
@@ -126,6 +134,8 @@ class LiveRobot:
 
     def close(self) -> None:
         """Stop the robot."""
+        if self.goals is not None:
+            self.goals.stop()
         self._commander.close()
 
     def _drive_until(self, start: Pose2, forward_m: float, turn_rad: float) -> bool:
@@ -202,9 +212,12 @@ class LiveRobot:
     def _see_way(self, time_s: float, depth_m: Float32[np.ndarray, "h w"], camera: Intrinsics, frame: str) -> None:
         ros = self._config.ros
         T_base_camera: Float[np.ndarray, "4 4"] | None = self._poses.camera(frame, time_s)
-        if T_base_camera is not None:
-            heights = ros.low_m, ros.height_m
-            self._way = time_s, free_way_m(depth_m, camera, T_base_camera, ros.radius_m, heights)
+        if T_base_camera is None:
+            base = self._poses.base_frame
+            self._health.fault(frame, f"the frames on tf do not say where '{frame}' is on '{base}' at this time")
+            return
+        heights = ros.low_m, ros.height_m
+        self._way = time_s, free_way_m(depth_m, camera, T_base_camera, ros.radius_m, heights)
 
 
 def _profile(left: float, acceleration: float, slowest: float, fastest: float) -> float:

@@ -29,9 +29,6 @@ _BLOCKING_S = 0.02
 _POLL_S = 0.2
 """The thread of the subscriptions looks so often whether it is to end [s]."""
 _NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
-_SERVICE = "uint64 client\nint64 number\n"
-"""What precedes request and reply of a service where ROS 2 runs on Cyclone DDS."""
-_TRIGGER = {"Request": "uint8 unused\n", "Reply": "bool success\nstring message\n"}
 
 Heard = Callable[[Any, int], object]
 """Called with a message, and a number that stands for its publisher."""
@@ -75,7 +72,10 @@ class Publisher:
 
     def publish(self, message: Any) -> None:
         """Send a message to all subscribers; one that has no room for it does not get it."""
-        cdr = self._messages.to_cdr(message)
+        self.publish_cdr(self._messages.to_cdr(message))
+
+    def publish_cdr(self, cdr: bytes) -> None:
+        """Send a message that is serialised already."""
         # DDS counts in words.
         status = ddspy_write(self._writer._ref, cdr.ljust(-(-len(cdr) // 4) * 4, b"\0"))
         if status == DDSException.DDS_RETCODE_TIMEOUT:
@@ -118,7 +118,7 @@ class Node:
             ) from err
         self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._topics: dict[tuple[str, str], Any] = {}
-        self._readers: list[tuple[Any, str, str, Heard]] = []
+        self._readers: list[tuple[Any, str, str, Heard, int | None]] = []
         self._waitset, self._lock = WaitSet(self._participant), threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
@@ -151,32 +151,14 @@ class Node:
         """
         self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
 
-    def trigger(self, service: str, called: Callable[[], tuple[bool, str]]) -> None:
-        """Offer a service ``std_srvs/srv/Trigger``, for clients whose ROS 2 runs on Cyclone DDS.
+    def raw_publisher(self, dds_name: str, kind: str) -> Publisher:
+        """Publish on a topic of DDS that is none of ROS 2, such as one of the two of a service."""
+        writer = DataWriter(self._participant, self._topic(dds_name, kind), STATE.policies())
+        return Publisher(writer, self.messages, dds_name[2:])
 
-        Args:
-            service: its name.
-            called: gives success and message of the reply.
-        """
-        from rosbags.typesys import get_types_from_msg
-
-        name = self.name(service)
-        kinds = {}
-        for part, fields in _TRIGGER.items():
-            # DDS calls the type of a reply a response.
-            kind = kinds[part] = f"std_srvs/srv/Trigger_{part.replace('Reply', 'Response')}"
-            if kind not in self.messages.store.types:
-                (found,) = get_types_from_msg(_SERVICE + fields, kind).values()
-                self.messages.store.register({kind: found})
-        topic = self._topic(f"rr{name}Reply", kinds["Reply"])
-        replies = Publisher(DataWriter(self._participant, topic, STATE.policies()), self.messages, name)
-
-        def heard(request: Any, publisher: int) -> None:
-            success, message = called()
-            reply = {"client": request.client, "number": request.number, "success": success, "message": message}
-            replies.publish(self.messages.make(kinds["Reply"], **reply))
-
-        self._read(f"rq{name}Request", name, kinds["Request"], heard, STATE)
+    def raw_subscribe(self, dds_name: str, kind: str, heard: Heard, most_bytes: int | None = None) -> None:
+        """Hear a topic of DDS that is none of ROS 2; of longer messages, the beginning."""
+        self._read(dds_name, dds_name[2:], kind, heard, STATE, most_bytes)
 
     def published(self) -> dict[str, str]:
         """The topics that anybody publishes, by name, with their types such as ``sensor_msgs/msg/Image``."""
@@ -204,23 +186,25 @@ class Node:
             self._topics[name, kind] = Topic(self._participant, name, self._types.of(kind))
         return self._topics[name, kind]
 
-    def _read(self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery) -> None:
+    def _read(
+        self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery, most_bytes: int | None = None
+    ) -> None:
         reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
         condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         with self._lock:
             self._waitset.attach(condition)
-            self._readers.append((reader, name, kind, heard))
+            self._readers.append((reader, name, kind, heard, most_bytes))
 
     def _spin(self) -> None:
         while not self._closing.is_set():
             self._waitset.wait(duration(seconds=_POLL_S))
             with self._lock:
                 readers = list(self._readers)
-            for reader, name, kind, heard in readers:
+            for reader, name, kind, heard, most_bytes in readers:
                 taken = ddspy_take(reader._ref, _ANY, 100)
                 for data, about in taken if isinstance(taken, list) else ():
                     if about.valid_data:
-                        self._hear(data, about.publication_handle, name, kind, heard)
+                        self._hear(data[:most_bytes], about.publication_handle, name, kind, heard)
 
     def _hear(self, data: bytes, publisher: int, name: str, kind: str, heard: Heard) -> None:
         """Hand a message on; whatever anybody sends, the thread goes on."""

@@ -23,8 +23,8 @@ TREE = "tf"
 """Stands for the frames alone where a topic of odometry is named."""
 _MOST = 400
 """Poses of a link that are kept, at the least half of them."""
-_GAP_S = 0.3
-"""Between poses farther apart, nothing is known [s]."""
+_GAP_S, _FRAME_GAP_S = 0.3, 0.2
+"""Between poses of the odometry, or of a frame on tf, that are farther apart, nothing is known [s]."""
 _SAME_TIME_S = 1.0
 """Two programs publish the same link where both did so within this time [s]."""
 
@@ -71,7 +71,7 @@ class Poses:
                     self._tree.track[child] = Track(f"the frame '{child}'", static=True)
                 self._tree.add(parent, child, time_s, values, static=static)
                 _shorten(self._tree.track[child])
-                self._tree.track[child].gap_s = _GAP_S
+                self._tree.track[child].gap_s = _FRAME_GAP_S
                 self._news.notify_all()
             if not static:
                 there = self._publishers.setdefault((parent, child), {})
@@ -144,8 +144,13 @@ class Poses:
     def _moving(self) -> Track | None:
         if self.source != TREE:
             return self._odometry
-        links = [link for link in self._tree.links(self.base_frame) if not link.static]
-        return links[-1] if links else None
+        if self.base_frame not in self._tree.parents:
+            return None
+        chain = self._tree.chain(self.base_frame)
+        # This program itself says where the frame of the odometry is in the map.
+        below = chain[: chain.index(self.odometry_frame)] if self.odometry_frame in chain else chain[:-1]
+        moving = [link for link in (self._tree.track[frame] for frame in below) if not link.static]
+        return moving[-1] if moving else None
 
     def _in_root(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
         return self._link(self.base_frame, self.odometry_frame, time_s)

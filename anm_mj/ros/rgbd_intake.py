@@ -64,6 +64,15 @@ class RgbdIntake:
         """Called with each depth image that has its colour: stamp [s], depth [m], camera, frame."""
 
     @property
+    def sources(self) -> tuple[str, str, str]:
+        """What must go on, for messages: colour, depth, and the two of one time."""
+        return (
+            f"the colour on {self.colour}",
+            f"the depth on {self.depth}",
+            f"images of one time on {self.colour} and {self.depth}",
+        )
+
+    @property
     def has_camera(self) -> bool:
         """Whether there is a calibration."""
         return self._camera is not None
@@ -81,7 +90,7 @@ class RgbdIntake:
         """Take in a colour image."""
         self._require("colour", message)
         time_s = seconds(message.header.stamp)
-        self._health.hear(f"the colour on {self.colour}", time_s)
+        self._health.hear(self.sources[0], time_s)
         self._put(self._colours, time_s, message)
         self._match()
 
@@ -89,7 +98,7 @@ class RgbdIntake:
         """Take in a depth image."""
         self._require("depth", message)
         time_s = seconds(message.header.stamp)
-        self._health.hear(f"the depth on {self.depth}", time_s)
+        self._health.hear(self.sources[1], time_s)
         self._put(self._depths, time_s, message)
         self._alone += 1
         self._match()
@@ -118,7 +127,6 @@ class RgbdIntake:
         return Rgbd(time_s, rgb, depth_m, frame, camera)
 
     def _require(self, role: str, message: Any) -> None:
-        topic = self.colour if role == "colour" else self.depth
         found = encoding_of(message)
         if found != role:
             raise ValueError(f"its images are {found}, not {role}; name the topic of the {role} by --topic {role}=NAME")
@@ -128,7 +136,7 @@ class RgbdIntake:
         self._shape = self._shape or shape
         if shape != self._shape:
             raise ValueError(
-                f"{topic} gives {message.width} x {message.height} pixels after images of {self._shape[1]} x "
+                f"it gives {message.width} x {message.height} pixels after images of {self._shape[1]} x "
                 f"{self._shape[0]}; colour and depth must keep one size and show the same pixels"
             )
 
@@ -167,6 +175,7 @@ class RgbdIntake:
             self._pair = time_s, colour, depth_m, frame
             self._alone = 0
             self._news.notify_all()
+        self._health.hear(self.sources[2], time_s)
         self.on_depth(time_s, depth_m, camera, frame)
 
 

@@ -35,6 +35,7 @@ from anm_mj.planning.policies.registry import make_policy, policies
 from anm_mj.protocols import Policy
 from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.robot.robot_presets import robot_presets
+from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.scene.folder import load_scene
 from anm_mj.types import Footprint
 from tests.docs.pages import PAGES, ROOT, blocks, commands, files, inline_code, options, settings
@@ -114,7 +115,8 @@ def test_setting(setting):
     applied, refusals = [], []
     for policy in policies():
         try:
-            make_config("default", [setting], scene="room", policy=policy)
+            live = {"kind": DriveConfig, "pose": "slam"} if setting.startswith("ros.") else {}
+            make_config("default", [setting], scene="room", policy=policy, **live)
             applied.append(policy)
         except AnmError as err:
             refusals.append(err)

@@ -1,10 +1,11 @@
 from dataclasses import replace
 
 import numpy as np
+import trimesh
 
 from anm_mj.io.read_run import read_run
 from anm_mj.replay.growth import first_seen
-from anm_mj.replay.surface import growing_mesh, merged
+from anm_mj.replay.surface import growing_mesh, merged, without_shards
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room
 
 
@@ -53,3 +54,14 @@ def test_what_a_former_run_saw_is_there_from_the_start(run_folder):
     hidden = np.array([[50.0, 50.0, 50.0], [1.0, 0.0, 1.0]])
     continued = replace(run, manifest={**run.manifest, "continued_from": {"run": "former"}})
     assert first_seen(continued, hidden)[0] == 0
+
+
+def test_glimpses_through_windows_are_left_out():
+    room = trimesh.creation.box((4.0, 4.0, 2.0)).subdivide_to_size(0.4)
+    shard, cup = trimesh.creation.box((0.3, 0.3, 0.3)), trimesh.creation.box((0.1, 0.1, 0.1))
+    shard.apply_translation((4.0, 0.0, 0.0))
+    whole = trimesh.util.concatenate([room, shard, cup])
+    kept = without_shards(whole.vertices, whole.faces)
+    np.testing.assert_array_equal(kept, np.repeat([True, False, True], [len(room.faces), 12, 12]))
+    # Nothing is stray where there is nothing large.
+    assert without_shards(shard.vertices, shard.faces).all()

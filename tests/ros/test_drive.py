@@ -5,12 +5,17 @@ import json
 import pytest
 
 from anm_mj.config import make_config
+from anm_mj.errors import RobotError
 from anm_mj.io.read_run import read_run
 from anm_mj.ros import names
+from anm_mj.ros.connect import connect
 from anm_mj.ros.control import TOPIC
 from anm_mj.ros.drive import drive, go_on
-from anm_mj.ros.drive_config import DriveConfig
+from anm_mj.ros.drive_config import DriveConfig, RosConfig
+from anm_mj.ros.navigation import ABORTED, CANCELED, SUCCEEDED
 from anm_mj.ros.node import LATCHED, STATE, Node
+from tests.ros.conftest import wait_until
+from tests.ros.fake_navigator import FakeNavigator
 from tests.ros.fake_ros_robot import FakeRosRobot
 
 pytestmark = pytest.mark.slow
@@ -78,3 +83,33 @@ def test_a_run_is_stopped_by_a_command_and_goes_on(node: Node, other: Node, tmp_
     assert {marker.ns for marker in heard["explore/markers"].markers} == {"graph", "regions", "candidates", "target"}
     assert (heard["tf"].header.frame_id, heard["tf"].child_frame_id) == ("map", "odom")
     assert heard["diagnostics"].name == "anm_mj: explore"
+
+
+@pytest.mark.parametrize("way", ["nav2", "goal_pose"])
+def test_another_navigation_drives_the_robot_to_goals(way: str, other: Node, tmp_path):
+    settings = [*QUICK, f"ros.drive={way}"]
+    config = make_config("quick", settings, kind=DriveConfig, scene="live", pose="odometry", steps=25)
+    with FakeRosRobot(other) as fake, FakeNavigator(other, fake, action=way == "nav2") as navigator:
+        start = fake.pose
+        folder, metrics = drive(config, out=tmp_path / "run")
+        assert metrics.steps == 25
+        wait_until(lambda: fake.speed == 0.0)
+
+    assert 1 <= len(navigator.goals) < 25
+    assert metrics.path_m > 0.1
+    assert len(read_run(folder.path).frames) == 26
+    assert (fake.pose.x_m, fake.pose.y_m) != (start.x_m, start.y_m)
+    assert not fake.touched
+    if way == "nav2":
+        # The last goal is taken back at the end of the run, and others were reached or replaced.
+        assert navigator.cancelled >= 1
+        assert set(navigator.statuses) <= {SUCCEEDED, CANCELED, ABORTED}
+    else:
+        assert navigator.goals[-1] != navigator.goals[0]
+
+
+def test_a_navigation_that_is_missing_is_told(other: Node):
+    config = DriveConfig("live", pose="odometry", ros=RosConfig(wait_s=3.0, drive="nav2"))
+    said = "nobody offers the action /navigate_to_pose of nav2_msgs/NavigateToPose"
+    with FakeRosRobot(other), pytest.raises(RobotError, match=said), connect(config, lambda: False):
+        pass

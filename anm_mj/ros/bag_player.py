@@ -1,0 +1,74 @@
+"""Publishes a recording again, in the time in which it was made."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.bag_files import readable_parts
+from anm_mj.io.bag_limits import limit_rosbags
+from anm_mj.ros.node import LATCHED, STATE, Node, Publisher
+
+_ALWAYS_LATCHED = ("tf_static", "robot_description")
+_TRANSIENT_LOCAL = 1
+_AHEAD_S = 1.0
+"""Topics are announced so long before their first message [s]: subscribers need time to find them."""
+
+_logger = logging.getLogger(__name__)
+
+
+def play(path: Path, node: Node, *, rate: float = 1.0, until: Callable[[], bool] = lambda: False) -> int:
+    """Publish all messages of a ROS 2 bag on their topics, as they were serialised; how many.
+
+    Args:
+        path: the bag.
+        node: speaks; topics stay whole names.
+        rate: recorded seconds per second.
+        until: whether to end before.
+
+    Raises:
+        RunFolderError: it is no bag of ROS 2, or cannot be read.
+    """
+    from rosbags.highlevel import AnyReader
+
+    limit_rosbags()
+    parts: list[Any] = list(readable_parts(path))
+    count = 0
+    try:
+        reader = AnyReader(parts, default_typestore=node.messages.store)
+        reader.open()
+    except Exception as err:
+        # Readers raise whatever the damaged bytes lead them to.
+        raise RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).") from err
+    with closing(reader):
+        if not reader.is2:
+            raise RunFolderError(f"{path} is a bag of ROS 1, whose messages ROS 2 does not read; convert it.")
+        to = _publishers(reader, node)
+        begin = time.monotonic() + _AHEAD_S
+        for connection, at_ns, raw in reader.messages([one for one in reader.connections if one.topic in to]):
+            wait_s = begin + 1e-9 * (at_ns - reader.start_time) / rate - time.monotonic()
+            if wait_s > 0.0:
+                time.sleep(wait_s)
+            if until():
+                break
+            to[connection.topic].publish_cdr(bytes(raw))
+            count += 1
+    return count
+
+
+def _publishers(reader: Any, node: Node) -> dict[str, Publisher]:
+    found: dict[str, Publisher] = {}
+    for one in reader.connections:
+        if one.msgtype not in node.messages.store.types:
+            _logger.warning("%s is left out: its type %s is not known.", one.topic, one.msgtype)
+            continue
+        offered = getattr(one.ext, "offered_qos_profiles", None) or ()
+        latched = any(qos.durability.value == _TRANSIENT_LOCAL for qos in offered)
+        latched |= one.topic.rpartition("/")[2] in _ALWAYS_LATCHED
+        found[one.topic] = node.publisher(one.topic, one.msgtype, LATCHED if latched else STATE)
+    return found

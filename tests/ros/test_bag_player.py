@@ -1,0 +1,65 @@
+"""A recording that is played gives the same topics with the same messages, in the time in which it was made."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.ros_messages import RosMessages
+from anm_mj.ros.bag_player import play
+from anm_mj.ros.names import IMAGE, ODOMETRY_TYPE, TF_TYPE
+from anm_mj.ros.node import LATCHED, STATE, Node
+from anm_mj.types import Pose2
+from tests.ros.conftest import wait_until
+
+LASTS_S = 0.5
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    make, depth_m = RosMessages(), np.full((4, 6), 1.5, np.float32)
+    with Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        kinds = {"/odom": ODOMETRY_TYPE, "/depth": IMAGE, "/tf_static": TF_TYPE}
+        to = {topic: writer.add_connection(topic, kind, typestore=make.store) for topic, kind in kinds.items()}
+
+        def write(topic: str, at_s: float, message: object) -> None:
+            writer.write(to[topic], round(at_s * 1e9), make.to_cdr(message))
+
+        write("/tf_static", 10.0, make.transforms(10.0, [("base_link", "camera", np.eye(4))]))
+        for at_s in (10.0, 10.0 + LASTS_S):
+            write("/odom", at_s, make.odometry(at_s, "odom", "base_link", Pose2(at_s, 0.0, 0.0)))
+            write("/depth", at_s, make.image(at_s, "camera", depth_m))
+    return tmp_path / "bag"
+
+
+def test_the_same_topics_come_with_the_same_messages_in_the_same_time(bag: Path, node: Node, other: Node):
+    heard: dict[str, list] = {"/odom": [], "/depth": [], "/tf_static": []}
+    at_s = []
+    for topic, kind in (("/odom", ODOMETRY_TYPE), ("/depth", IMAGE)):
+        other.subscribe(topic, kind, lambda message, _, topic=topic: heard[topic].append(message), STATE)
+    other.subscribe("/odom", ODOMETRY_TYPE, lambda *_: at_s.append(time.monotonic()), STATE)
+
+    def come_late() -> bool:
+        # The frames are latched.
+        if at_s and not late:
+            late.append(True)
+            other.subscribe("/tf_static", TF_TYPE, lambda message, _: heard["/tf_static"].append(message), LATCHED)
+        return False
+
+    late: list[bool] = []
+    assert play(bag, node, rate=0.5, until=come_late) == 5
+
+    wait_until(lambda: [len(messages) for messages in heard.values()] == [2, 2, 1])
+    assert [message.pose.pose.position.x for message in heard["/odom"]] == [10.0, 10.0 + LASTS_S]
+    assert heard["/depth"][0].data.view("<f4").tolist() == [1.5] * 24
+    assert heard["/tf_static"][0].transforms[0].child_frame_id == "camera"
+    assert at_s[-1] - at_s[0] > LASTS_S
+
+
+def test_what_is_no_recording_is_told(tmp_path: Path, node: Node):
+    (tmp_path / "x.mcap").write_bytes(b"no bag")
+    with pytest.raises(RunFolderError, match="cannot be read as a recording"):
+        play(tmp_path / "x.mcap", node)

@@ -1,0 +1,68 @@
+"""What stops a live robot, and when, by a clock that the test sets."""
+
+import pytest
+
+from anm_mj.ros.health import Health
+
+TIMEOUT_S = 0.25
+ODOMETRY, DEPTH = "the odometry on /odom", "the depth on /depth"
+
+
+class Clock:
+    now_s = 50.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def health(clock: Clock) -> Health:
+    made = Health(TIMEOUT_S, clock)
+    for source in (ODOMETRY, DEPTH):
+        made.expect(source)
+        made.hear(source, 7.0)
+    return made
+
+
+def test_nothing_is_wrong_while_all_sources_go_on(health: Health, clock: Clock):
+    for _ in range(30):
+        clock.now_s += 0.1
+        for source in (ODOMETRY, DEPTH):
+            health.hear(source, 7.0 + clock.now_s - 50.0)
+        assert health.present() is None
+
+
+@pytest.mark.parametrize("stamp_s", [None, 7.1], ids=["silent", "the same stamp again and again"])
+def test_a_source_that_does_not_go_on_is_a_fault_after_the_timeout(health: Health, clock: Clock, stamp_s):
+    found = []
+    for step in range(1, 5):
+        clock.now_s += 0.1
+        health.hear(ODOMETRY, 7.0 + 0.1 * step)
+        if stamp_s is not None:
+            health.hear(DEPTH, stamp_s)
+        found.append(health.present())
+    told_at = 2 if stamp_s is None else 3
+    assert found == [None] * told_at + [f"nothing was heard of {DEPTH} for 0.25 s"] * (4 - told_at)
+
+    health.hear(DEPTH, 7.4)
+    assert health.present() is None
+
+
+@pytest.mark.parametrize(("jump_s", "is_fault"), [(30.0, True), (-0.5, True), (1.05, False), (0.02, False)])
+def test_a_clock_that_jumps_is_a_fault_for_half_a_second(health: Health, clock: Clock, jump_s, is_fault):
+    clock.now_s += 0.1
+    for source in (ODOMETRY, DEPTH):
+        health.hear(source, 7.0 + jump_s)
+
+    assert (health.present() is not None) == is_fault
+    if is_fault:
+        assert health.present() == f"the clock of {ODOMETRY} jumped by {jump_s:+.2f} s"
+        clock.now_s += 0.5
+        for source in (ODOMETRY, DEPTH):
+            health.hear(source, 7.5 + jump_s)
+        assert health.present() is None
