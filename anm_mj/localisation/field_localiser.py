@@ -138,8 +138,7 @@ class FieldLocaliser:
         prior = self._prior(observation)
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
-        young = self._num_mapped < self.config.tracking.young_frames
-        settings = self.config.registration.of_first_frames() if young else self.config.registration
+        settings = self.config.registration
         told = observation
         if self._map.config.moving.detect and not lost:
             told = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)

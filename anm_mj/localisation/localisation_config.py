@@ -18,8 +18,6 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
 
     num_points: int = setting(800, at_least=50, at_most=65_536)
     """Pixels of a frame that are registered."""
-    young_points: int = setting(4000, at_least=50, at_most=65_536)
-    """Those of the first frames (``localisation.tracking.young_frames``): what they err by turns the whole map."""
     range_m: float = 8.0
     """Pixels farther away are left out [m]."""
     iterations: int = setting(8, at_most=1000)
@@ -64,11 +62,6 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """The search ends with a step that moves the camera by less [m]."""
     still_rad: float = 2e-4
     """And turns it by less [rad]."""
-
-    def of_first_frames(self) -> RegistrationConfig:
-        """With more pixels, which are believed as much as fewer."""
-        share = self.num_points / self.young_points
-        return replace(self, num_points=self.young_points, information=share * self.information)
 
     def settings(self, share: float) -> AlignSettings:
         """How residuals are weighted after a share of the shrinking, in [0, 1]."""
