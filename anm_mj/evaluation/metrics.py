@@ -60,8 +60,8 @@ class RunSummary:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metrics:
-    """Metrics of a run. Fields are None if they could not be measured."""
+class Metrics(RunSummary):
+    """Metrics of a run, behind its summary. Fields are None if they could not be measured."""
 
     completion_ratio: float | None = None
     """Share of the true surface within 5 cm of a depth point [%] (first metric of the paper)."""
@@ -150,19 +150,6 @@ class Metrics:
     """Steps with a collision."""
     stage_hz: dict[str, float]
     """Rate of each stage of the loop, as if it were the only one [steps/s]."""
-    stop_reason: str | None = None
-    """This and the next eleven: see :class:`RunSummary`."""
-    wall_s: float | None = None
-    hz: float | None = None
-    evaluation_s: float | None = None
-    peak_rss_mib: float | None = None
-    return_steps: int | None = None
-    return_distance_m: float | None = None
-    surface_lost_percent: float | None = None
-    people_nearest_m: float | None = None
-    people_contacts: int | None = None
-    moved_precision_percent: float | None = None
-    moved_recall_percent: float | None = None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from anm_mj.errors import RunFolderError
@@ -31,25 +31,13 @@ def _run(folder: Path) -> Sequence:
 
 
 @dataclass(frozen=True)
-class Times:
-    """How images and poses of different times belong together."""
-
-    needs_poses: bool
-    """Whether frames without a pose are left out; else they are interpolated, or there are none at all."""
-    match_s: float
-    """Colour and depth belong together up to this difference [s]."""
-    max_gap_s: float
-    """Poses are interpolated between two that lie no farther apart [s]."""
-
-
-@dataclass(frozen=True)
 class Layout:
     """How a kind of sequence is recognised and read."""
 
     sign: str
     """A file that only this layout has; alternatives between bars, asterisks for any letters."""
-    read: Callable[[Path, Times], Sequence]
-    """From its folder."""
+    read: Callable[..., Sequence]
+    """From its folder, and ``times`` by name."""
     unposed: str | None = None
     """A file that it has even without poses; None = it always has them."""
     ours: bool = False
@@ -58,6 +46,9 @@ class Layout:
     """Axis of its world that points up."""
     needs: tuple[str, ...] = ()
     """What else has to be there; alternatives between bars."""
+    times: tuple[str, ...] = ()
+    """Fields of :class:`~anm_mj.io.sequence_layouts.SequenceOptions` that say how images and poses of different times
+    belong together, where its have such."""
 
     @property
     def signs(self) -> tuple[str, str]:
@@ -76,62 +67,33 @@ def is_there(folder: Path, names: str) -> bool:
 
 
 LAYOUTS = {
-    "run": Layout("frames.jsonl", lambda folder, _: _run(folder), ours=True),
-    "anm-mj": Layout(
-        "poses.tum",
-        lambda folder, times: read_sequence(folder, needs_poses=times.needs_poses),
-        "camera.json",
-        ours=True,
-    ),
+    "run": Layout("frames.jsonl", _run, ours=True),
+    "anm-mj": Layout("poses.tum", read_sequence, "camera.json", ours=True, times=("needs_poses",)),
     "tum": Layout(
         "groundtruth.txt",
-        lambda folder, times: read_tum(folder, **asdict(times)),
+        read_tum,
         "depth.txt",
         needs=("rgb.txt", "depth.txt"),
+        times=("needs_poses", "match_s", "max_gap_s"),
     ),
-    "nerfstudio": Layout("transforms.json", lambda folder, _: read_nerfstudio(folder)),
-    "replica": Layout("traj.txt", lambda folder, _: read_replica(folder)),
-    "7scenes": Layout(
-        "frame-*.pose.txt",
-        lambda folder, _: read_seven_scenes(folder),
-        needs=("frame-*.color.png", "frame-*.depth.png"),
-    ),
-    "scannet": Layout(
-        "intrinsic/intrinsic_depth.txt", lambda folder, _: read_scannet(folder), needs=("color", "depth", "pose")
-    ),
-    "stray": Layout(
-        "odometry.csv",
-        lambda folder, _: read_stray(folder),
-        up="y",
-        needs=("camera_matrix.csv", "depth", "rgb|rgb.mp4"),
-    ),
-    "polycam": Layout(
-        "keyframes/cameras",
-        lambda folder, _: read_polycam(folder),
-        up="y",
-        needs=("keyframes/images", "keyframes/depth"),
-    ),
+    "nerfstudio": Layout("transforms.json", read_nerfstudio),
+    "replica": Layout("traj.txt", read_replica),
+    "7scenes": Layout("frame-*.pose.txt", read_seven_scenes, needs=("frame-*.color.png", "frame-*.depth.png")),
+    "scannet": Layout("intrinsic/intrinsic_depth.txt", read_scannet, needs=("color", "depth", "pose")),
+    "stray": Layout("odometry.csv", read_stray, up="y", needs=("camera_matrix.csv", "depth", "rgb|rgb.mp4")),
+    "polycam": Layout("keyframes/cameras", read_polycam, up="y", needs=("keyframes/images", "keyframes/depth")),
     "record3d": Layout(
         "metadata.json|EXR_RGBD/metadata.json",
-        lambda folder, _: read_record3d(folder),
+        read_record3d,
         up="y",
         needs=("rgb|EXR_RGBD/rgb", "depth|EXR_RGBD/depth"),
     ),
     "arkitscenes": Layout(
         "lowres_wide.traj",
-        lambda folder, times: read_arkitscenes(folder, match_s=times.match_s, max_gap_s=times.max_gap_s),
+        read_arkitscenes,
         needs=("lowres_wide", "lowres_depth", "lowres_wide_intrinsics"),
+        times=("match_s", "max_gap_s"),
     ),
-    "icl": Layout(
-        "*.gt.freiburg",
-        lambda folder, times: read_icl(folder, max_gap_s=times.max_gap_s),
-        up="y",
-        needs=("associations.txt", "rgb", "depth"),
-    ),
-    "open3d": Layout(
-        "trajectory.log|scene/trajectory.log",
-        lambda folder, _: read_open3d(folder),
-        up="-y",
-        needs=("color|image|rgb", "depth"),
-    ),
+    "icl": Layout("*.gt.freiburg", read_icl, up="y", needs=("associations.txt", "rgb", "depth"), times=("max_gap_s",)),
+    "open3d": Layout("trajectory.log|scene/trajectory.log", read_open3d, up="-y", needs=("color|image|rgb", "depth")),
 }

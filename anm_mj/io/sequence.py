@@ -247,7 +247,8 @@ class Sequence:
             depth_m = self._metres(read_image(path))
         if depth_m.ndim != 2:
             raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
-        return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
+        # Damaged floats are next to 0, too; the inverse of those is none.
+        return np.where((depth_m > 1e-6) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
 
 
 def require_below(folder: Path, frames: Iterable[Frame]) -> None:

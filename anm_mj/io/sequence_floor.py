@@ -20,6 +20,9 @@ _GUESSED_M = 1.0
 """A camera of which nothing is known stands so high [m]."""
 _LEVEL_DEG = 2.0
 """A first camera that is tilted by less is taken to be held level."""
+_NEAR_M, _FACING, _MOST, _NORMAL_SHARE = 0.03, 0.95, 0.7, 30
+"""Most of what lies as near to a floor as this has normals with such a cosine to the floor's own; they are measured
+across two such parts of the image's height."""
 
 _logger = logging.getLogger(__name__)
 
@@ -68,7 +71,7 @@ def levelled(sequence: Sequence, up: Float64[np.ndarray, "3 3"]) -> Float64[np.n
         up: The turn for a camera that is held level; it stands where no floor shows that the camera is not.
     """
     try:
-        seen = pose_above_floor(_some_points(next(sequence.first().observations())), np.random.default_rng(0))
+        seen = _above_floor(next(sequence.first().observations()))
     except RunFolderError:
         seen = None
     if seen is None:
@@ -85,6 +88,22 @@ def levelled(sequence: Sequence, up: Float64[np.ndarray, "3 3"]) -> Float64[np.n
     )
     axis = np.cross(normal, (0.0, 0.0, 1.0))
     return Rotation.from_rotvec(tilt_rad * axis / np.linalg.norm(axis)).as_matrix() @ up
+
+
+def _above_floor(observation: Observation) -> Float64[np.ndarray, "4 4"] | None:
+    """The camera above the floor that a frame shows; None where what lies in one plane there does not face it."""
+    seen = pose_above_floor(_some_points(observation), np.random.default_rng(0))
+    if seen is None:
+        return None
+    points = pixel_directions(observation.intrinsics)[::4, ::4] * observation.depth_m[::4, ::4, None]
+    points = points @ seen[:3, :3].T + seen[:3, 3]
+    # Far enough apart for a camera's noise.
+    k = max(1, len(points) // _NORMAL_SHARE)
+    normal = np.cross(points[k:-k, 2 * k :] - points[k:-k, : -2 * k], points[2 * k :, k:-k] - points[: -2 * k, k:-k])
+    with np.errstate(invalid="ignore"):
+        faces = np.abs(normal[..., 2]) > _FACING * np.linalg.norm(normal, axis=-1)
+    on_it = np.isfinite(normal).all(axis=-1) & (np.abs(points[k:-k, k:-k, 2]) < _NEAR_M)
+    return seen if on_it.any() and faces[on_it].mean() > _MOST else None
 
 
 def _some_points(observation: Observation) -> Float32[np.ndarray, "n 3"]:

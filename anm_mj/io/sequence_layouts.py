@@ -20,7 +20,7 @@ from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import files_in, is_recording
 from anm_mj.io.bag_poses import GAP_S
 from anm_mj.io.camera_checks import FARTHEST_M, LATEST_S
-from anm_mj.io.layout_table import LAYOUTS, Times, is_there
+from anm_mj.io.layout_table import LAYOUTS, is_there
 from anm_mj.io.plausible_sequence import (
     check_assumed_camera,
     check_heights,
@@ -207,8 +207,8 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
             "it whole."
         )
     try:
-        times = Times(options.needs_poses, options.match_s, options.max_gap_s)
-        return LAYOUTS[found].read(folder, times), found
+        times = {name: getattr(options, name) for name in LAYOUTS[found].times}
+        return LAYOUTS[found].read(folder, **times), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         said = str(err) if isinstance(err, OSError | ValueError | OverflowError) else repr(err)
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({said}).") from err

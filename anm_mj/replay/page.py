@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
-from PIL import Image
 
 from anm_mj.io.plan_file import PlanRecord
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import Timeline
+from anm_mj.utils.picture import jpeg_url
 from anm_mj.viz import assets, palette, shapes
 
 MAX_FACES = 300_000
@@ -215,17 +214,9 @@ def _images(timeline: Timeline, scene: str | None, on_progress: Callable[[int], 
     images = []
     for index, rgb in enumerate(pictures(timeline.run, scene)):
         if rgb is not None and index % every == 0:
-            images.append(_jpeg(rgb))
+            images.append(jpeg_url(rgb, IMAGE_PX, IMAGE_QUALITY))
         on_progress(index + 1)
     return {"images": images, "image_of_frame": [index // every for index in range(timeline.num_frames)]}
-
-
-def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:
-    image = Image.fromarray(rgb)
-    image.thumbnail((IMAGE_PX, IMAGE_PX), Image.Resampling.BOX)
-    buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=IMAGE_QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
 def _base64(array: np.ndarray) -> str:

@@ -1,7 +1,9 @@
-"""Opens pictures that anybody may have made: no external program, and no more pixels than memory bears."""
+"""Opens pictures of anybody, without external programs or more pixels than memory bears; packs those of pages."""
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 import struct
 import zlib
@@ -10,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import UInt8
 from PIL import EpsImagePlugin, Image, UnidentifiedImageError
 
 from anm_mj.utils.read_file import open_regular
@@ -57,3 +61,12 @@ def read_picture(file: Any) -> Iterator[Image.Image]:
             yield image
         except _OF_DECODERS as err:
             raise ValueError(f"its pixels cannot be decoded ({err})") from err
+
+
+def jpeg_url(rgb: UInt8[np.ndarray, "h w 3"], side_px: int, quality: int) -> str:
+    """A picture within a page, as JPEG of at most so many rows and columns."""
+    image = Image.fromarray(rgb)
+    image.thumbnail((side_px, side_px), Image.Resampling.BOX)
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=quality)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import getpass
-import io
 import logging
 import shlex
 import socket
@@ -19,13 +17,13 @@ from jaxtyping import Float, UInt8
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from meshcat.geometry import Object
 from meshcat.path import Path
-from PIL import Image
 
 from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
 from anm_mj.io.run_events import Completed, Mapped, Started, headline
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan, StopReason
+from anm_mj.utils.picture import jpeg_url
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, page_program, script_json
 from anm_mj.viz.file_server import FIRST_PORT
@@ -154,7 +152,9 @@ class MeshcatViewer:
                 self._show_plan(plan)
                 self._server.say("reason", {"reason": plan.reason})
             if self._server.num_browsers:
-                self._server.say("picture", {"picture": _jpeg(_with_moved(observation))})
+                self._server.say(
+                    "picture", {"picture": jpeg_url(_with_moved(observation), PICTURE_PX, PICTURE_QUALITY)}
+                )
             if isinstance(mapper, Meshable) and self._mesh_is_due(observation.step):
                 self._show_mesh(mapper, observation.step)
         except Exception:
@@ -260,14 +260,6 @@ def _with_moved(observation: Observation) -> UInt8[np.ndarray, "h w 3"]:
         return observation.rgb
     tinted = observation.rgb // 2 + np.array(rgb_of(palette.PERSON), np.uint8) // 2
     return np.where(np.isfinite(observation.moved_m)[..., None], tinted, observation.rgb)
-
-
-def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:
-    image = Image.fromarray(rgb)
-    image.thumbnail((PICTURE_PX, PICTURE_PX), Image.Resampling.BOX)
-    buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=PICTURE_QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
 def _path(path: str) -> Path:

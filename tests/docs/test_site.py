@@ -54,7 +54,15 @@ def test_nothing_is_fetched_from_elsewhere(site):
 
 
 def test_public_names_are_documented(site):
-    page = (site / "api.html").read_text(encoding="utf-8")
+    page = "".join(path.read_text(encoding="utf-8") for path in (site / "api").glob("*.html"))
     assert [name for name in anm_mj.__all__ if f'id="anm_mj.{name}"' not in page] == []
     for name in ("mapping.neural_map.NeuralMap.sdf", "types.Plan", "protocols.Mapper.occupancy_grid"):
         assert f'id="anm_mj.{name}"' in page
+
+
+def test_files_that_a_page_names_are_links_and_code_has_buttons(site):
+    page = (site / "robot.html").read_text(encoding="utf-8")
+    (copied,) = set(re.findall(r'href="(_downloads/[^"]+/presets\.toml)"', page))
+    assert (site / copied).read_bytes() == (ROOT / "models" / "presets.toml").read_bytes()
+    assert 'src="_static/copy.js' in page
+    assert (site / "_static" / "copy.js").is_file()
