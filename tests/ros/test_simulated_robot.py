@@ -72,7 +72,7 @@ def served(robot, other: Node) -> SimulatedRosRobot:
 def test_everything_is_published_in_the_frames_and_units_of_ros(node: Node, served):
     heard = Heard(node)
 
-    served.serve(lambda: len(heard) == 9 and heard.x_m is not None, 20.0)
+    served.serve(lambda: len(heard) == 9 and heard.x_m is not None, 120.0)
 
     assert heard[names.COLOUR].encoding == "rgb8"
     assert heard[names.COLOUR].header.frame_id == heard[names.DEPTH_INFO].header.frame_id == "camera_optical_frame"
