@@ -262,7 +262,8 @@ def test_a_good_frame_is_handed_on_as_it_is(caplog):
     seen = box_view(Pose2(-0.5, 0.1, 0.7))
     kept = SensorMonitor().check(seen)
     assert kept.depth_m is seen.depth_m
-    assert replace(kept, pixel_state=None) == seen
+    # Not by ==, which compares arrays from Python 3.13 on.
+    assert all(getattr(kept, name) is getattr(seen, name) for name in vars(seen) if name != "pixel_state")
     assert not caplog.records
 
 
