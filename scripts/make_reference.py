@@ -104,7 +104,9 @@ def reference() -> str:
     """Settings, metrics, keys, and what a policy is given."""
     config = make_config("default", [], scene="home")
     groups = [
-        name for name in ("planning", "mapping", "model", "sensor", "checkpoint") if is_dataclass(getattr(config, name))
+        name
+        for name in ("planning", "mapping", "localisation", "people", "model", "sensor", "checkpoint")
+        if is_dataclass(getattr(config, name))
     ]
     parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
     parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))

@@ -28,6 +28,8 @@ from anm_mj.localisation.registration import (
     Prior,
     Registration,
     Sums,
+    is_jump,
+    may_be_wrong,
     register,
     register_from_several,
 )
@@ -148,12 +150,12 @@ class FieldLocaliser:
         extra = self._extra(points, prior, noise)
         align, known = self._map.backend.align, self._known
         found = register(points, prior, align, known, settings, extra)
-        if self._may_be_wrong(prior, found):
+        if may_be_wrong(prior, found, self._costs, self.config.registration):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
         fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
-        misfit |= self._is_jump(prior, found)
+        misfit |= is_jump(prior, found, self.config.registration)
         misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
         if misfit or found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=misfit)
@@ -289,19 +291,6 @@ class FieldLocaliser:
         return moved_at_constant_velocity(
             self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion, self._scale
         )
-
-    def _may_be_wrong(self, prior: Prior, found: Registration) -> bool:
-        """Whether a registration may have ended in a false minimum: it costs more than usual."""
-        settings = self.config.registration
-        position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
-        vague = position > settings.retry_least_m or rotation > settings.retry_least_rad
-        usual = float(np.median(self._costs)) if self._costs else 0.0
-        dear = found.mean_cost > usual * (settings.retry_vague_cost if vague else settings.retry_cost)
-        return dear or self._is_jump(prior, found)
-
-    def _is_jump(self, prior: Prior, found: Registration) -> bool:
-        """Whether a pose is too far from its prior to be believed of one frame."""
-        return found.prior_cost > self.config.registration.most_prior * len(prior.covariance)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
         return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))

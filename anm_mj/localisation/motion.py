@@ -11,9 +11,6 @@ from anm_mj.localisation.localisation_config import MotionConfig
 from anm_mj.localisation.registration import Prior
 from anm_mj.localisation.se3 import camera_motion, rotation_vector, skew
 
-_MEDIAN_SQUARE = 0.79
-"""Median of the mean square of three numbers from the normal distribution."""
-
 
 def moved_by_odometry(
     T_world_camera: Float[np.ndarray, "4 4"],
@@ -79,7 +76,7 @@ class MotionNoise:
     def __init__(self, config: MotionConfig) -> None:
         self._config = config
         self._squares: list[float] = []
-        """Squared corrections of the last frames, in the variances expected."""
+        """Squared corrections of the last frames, in the median expected."""
 
     @property
     def scale(self) -> float:
@@ -87,13 +84,16 @@ class MotionNoise:
         if not self._squares:
             return 1.0
         share = len(self._squares) / self._config.learn_frames
-        learnt = math.sqrt(float(np.median(self._squares)) / _MEDIAN_SQUARE)
+        learnt = math.sqrt(float(np.median(self._squares)))
         return max(1.0, share * learnt + 1.0 - share)
 
     def add(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"], scale: float) -> None:
         """Take in what a frame's pose says of its prior, which was made with a scale."""
         offset = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
-        square = scale**2 * float(offset @ np.linalg.solve(prior.covariance, offset)) / len(offset)
+        usual = (
+            len(offset) * (1.0 - 2.0 / (9.0 * len(offset))) ** 3
+        )  # Median of chi-square (Wilson and Hilferty, 1931).
+        square = scale**2 * float(offset @ np.linalg.solve(prior.covariance, offset)) / usual
         self._squares = [*self._squares, square][-self._config.learn_frames :]
 
 

@@ -6,7 +6,7 @@ distances shrinks from step to step, so that a wrong start finds the surface and
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Float64
 
 from anm_mj.localisation.frame_points import with_trust
 from anm_mj.localisation.localisation_config import RegistrationConfig
+from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
@@ -178,6 +179,27 @@ def register(
     )
 
 
+def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:
+    """Whether a pose is too far from its prior to be believed of one frame."""
+    return found.prior_cost > config.most_prior * len(prior.covariance)
+
+
+def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or jumped.
+
+    Args:
+        prior: Of the frame.
+        found: Its registration.
+        costs: A point's, of the last frames.
+        config: Settings.
+    """
+    position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
+    vague = position > config.retry_least_m or rotation > config.retry_least_rad
+    usual = float(np.median(costs)) if costs else 0.0
+    dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)
+    return dear or is_jump(prior, found, config)
+
+
 def register_from_several(
     points: FramePoints,
     prior: Prior,
@@ -209,7 +231,7 @@ def register_from_several(
     few = points.every(max(1, len(points) // config.retry_points))
 
     def cost(found: Registration) -> float:
-        if found.prior_cost > config.most_prior * len(prior.covariance):
+        if is_jump(prior, found, config):
             return np.inf
         at_odds = (contradicted(few, found.T_world_camera), 0.0)
         total = 0.0

@@ -41,8 +41,8 @@ class MovedVoxels:
 
     def take(self, voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int) -> None:
         """Note that something moved in voxels, given by x, y and z index; what stays there becomes surface."""
-        self._newest = np.unique(places, axis=0)
-        columns = np.unique(self._newest[:, :2] // BLOCK, axis=0).tolist()
+        self._newest = _distinct(places)
+        columns = _distinct(self._newest[:, :2] // BLOCK).tolist()
         new = [column for column in columns if tuple(column) not in self._last]
         self._last |= {(x, y): frame for x, y in columns}
         if new:
@@ -79,7 +79,7 @@ class MovedVoxels:
             reach = math.ceil(radius)
             column = np.mgrid[-reach : reach + 1, -reach : reach + 1, low : high + 1].reshape(3, -1).T
             held.append((column + np.rint([x, y, 0.0]).astype(np.int64))[np.hypot(*column[:, :2].T) <= radius])
-        self._held = np.unique(np.concatenate((self._held, *held)), axis=0)
+        self._held = _distinct(np.concatenate((self._held, *held)))
         self._set(voxels, self._held, frame, FREE, OCCUPIED)
 
     def release(self, voxels: VoxelArrays, frame: int) -> bool:
@@ -110,6 +110,14 @@ class MovedVoxels:
             # A step leads into the next block.
             found[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = 1
         return found
+
+
+def _distinct(indices: Int64[np.ndarray, "n d"]) -> Int64[np.ndarray, "m d"]:
+    """Each row once; a sort of single numbers takes a fraction of one of rows."""
+    low = indices.min(axis=0, initial=0)
+    shape = indices.max(axis=0, initial=0) + 1 - low
+    keys = np.unique(np.ravel_multi_index(tuple((indices - low).T), tuple(shape.tolist())))
+    return np.stack(np.unravel_index(keys, tuple(shape.tolist())), axis=1) + low
 
 
 def depth_doubt(noise_per_m: float, observation: Observation, range_m: float) -> tuple[float, float]:

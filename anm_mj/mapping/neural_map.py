@@ -109,7 +109,8 @@ class NeuralMap:
         observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
         by_depth = self.occupancy.by_depth
-        view = observation.intrinsics, observation.T_world_camera, observation.range_m
+        range_m = min(observation.range_m, observation.shown_range_m)
+        view = observation.intrinsics, observation.T_world_camera, range_m
         by_depth.integrate(observation.depth_m, *view, observation.moved_m)
         if not valid_pixels(observation).any():
             return MapUpdate(math.nan, 0, len(self.field.keyframes))

@@ -230,8 +230,8 @@ def _with_scale(panel: Image.Image, metres_per_px: float) -> Image.Image:
     draw, words = ImageDraw.Draw(panel), f"{length_m:g} m"
     wide = max(right, 16 + draw.textlength(words, font(13)))
     draw.rounded_rectangle([8, PANEL_PX - 42, wide + 8, PANEL_PX - 6], 4, "white")
-    draw.line([(16, low - 5), (16, low), (right, low), (right, low - 5)], "black", 2)
-    draw.text(((16 + right) / 2, low - 6), words, "black", font(13), anchor="mb")
+    draw.line([(16, low - 5), (16, low), (right, low), (right, low - 5)], palette.WALL, 2)
+    draw.text(((16 + right) / 2, low - 6), words, palette.WALL, font(13), anchor="mb")
     return panel
 
 

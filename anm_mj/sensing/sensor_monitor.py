@@ -35,6 +35,10 @@ FEW_FRAMES = 3
 """One frame without depth may show a wall that is too near; after this many, nothing is known of the surroundings."""
 BLACK_LEVEL = 8
 """An image without any brighter value is black: what a closed lens shows is not all zero [0..255]."""
+LEAST_RANGE_M = 4.0
+"""A camera that measured nothing farther than this may have stood in a small room [m]."""
+RANGE_FRAMES = 24
+"""After so many frames the robot has looked around."""
 MANY_OUTLIERS = 0.002
 """A frame with a larger share of pixels that no neighbour agrees with is not a camera's usual one."""
 SAY_AGAIN_FRAMES = 50
@@ -69,6 +73,9 @@ class SensorMonitor:
         self._num_faulty = dict.fromkeys(_FIRST, 0)
         self._farthest_m = 0.0
         """Largest depth that was measured by more than single pixels [m]; 0 before the first."""
+        self._says_far = False
+        """Whether the camera says where it looked farther than its range."""
+        self._num_frames = 0
         self._expected: ExpectedView | None = None
         """Of the last frame without depth."""
         self._sees = False
@@ -163,7 +170,15 @@ class SensorMonitor:
         if faulty:
             observation = replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
             return judge_pixels(observation)
-        return self._without_outliers(observation)
+        return self._without_outliers(self._with_learnt_range(observation))
+
+    def _with_learnt_range(self, observation: Observation) -> Observation:
+        """The frame with the range that images have shown so far, where the camera does not say what is beyond it."""
+        self._num_frames += 1
+        self._says_far |= bool(np.isposinf(observation.depth_m).any())
+        if self._says_far or self._num_frames <= RANGE_FRAMES or not np.isnan(observation.depth_m).any():
+            return observation
+        return replace(observation, shown_range_m=max(self._farthest_m, LEAST_RANGE_M))
 
     def _expects_nothing(self, observation: Observation, grid_at: GridQuery | None) -> bool:
         """Whether the map knows of nothing that the camera should measure in a frame without depth."""

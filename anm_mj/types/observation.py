@@ -106,6 +106,9 @@ class Observation:
     """Where the base stands, as the robot believes it."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
+    shown_range_m: float = math.inf
+    """Largest planar depth that its images have shown [m]; +inf where the camera itself says what is beyond its range,
+    and until the robot has looked around."""
     pixel_state: UInt8[np.ndarray, "h w"] | None = None
     """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
     moved_m: Float32[np.ndarray, "h w"] | None = None

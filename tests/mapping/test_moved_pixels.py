@@ -159,3 +159,17 @@ def test_depth_without_noise_may_be_too_short_by_nothing():
 )
 def test_among_people_moved_pixels_are_looked_for(settings, detects):
     assert make_config("default", settings, scene="home").mapping.moving.detect is detects
+
+
+def test_a_thing_that_is_pushed_leaves_free_space_and_becomes_surface_where_it_stays():
+    grid = new_grid()
+    fuse(grid, view(slice(20, 36)), 10)
+    before, after = range(20, 36), range(52, 68)
+    assert (thing_states(grid, before) == OCCUPIED).all()
+
+    pushed = [fuse(grid, view(slice(52, 68))).pixel_state == PixelState.MOVED for _ in range(60)]
+
+    assert pushed[0][30:80, 52:68].all()
+    assert not pushed[-1].any()
+    assert (thing_states(grid, before) == FREE).all()
+    assert (thing_states(grid, after) == OCCUPIED).all()

@@ -9,8 +9,8 @@ from anm_mj.mapping import field
 from anm_mj.mapping.field import MAX_FAILURES
 from anm_mj.mapping.mapping_config import FieldConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN
-from tests.mapping.ray_room import Room
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, Pose2
+from tests.mapping.ray_room import Room, camera_pose
 
 
 def _near_surface(room, rng, count=2000):
@@ -358,3 +358,18 @@ def test_expected_errors_fall_with_observations(tiny_config, room):
     assert often.num_observations.mean() > 4.0 * once.num_observations.mean()
     assert often.error_m.mean() < 0.8 * once.error_m.mean()
     assert 0.0 < often.exponent < 1.0
+
+
+def test_lost_pixels_look_through_up_to_the_range_that_images_have_shown(tiny_config):
+    """A long hall that a camera loses beyond 6 m, although its maker says 10 m."""
+    camera = Intrinsics.from_fov(128, 128, math.pi / 2)
+    down = np.maximum((np.arange(128) + 0.5 - camera.cy) / camera.fy, 1e-6)
+    depth_m = np.repeat((1.0 / down)[:, None], 128, axis=1).astype(np.float32)
+    depth_m[depth_m > 6.0] = np.nan
+    T_world_camera = camera_pose(0.0, 0.0, 1.0, 0.0)
+    rgb = np.zeros((128, 128, 3), np.uint8)
+    seen = Observation(0, 0.0, rgb, depth_m, camera, T_world_camera, Pose2(0.0, 0.0, 0.0), range_m=10.0)
+    for shown_m, state in ((math.inf, UNKNOWN), (6.0, FREE)):
+        learnt = NeuralMap(tiny_config, seed=0, device="cpu")
+        learnt.integrate(replace(seen, shown_range_m=shown_m))
+        assert learnt.occupancy.by_depth.state_at(np.array([[4.0, 0.0, 1.0]]))[0] == state

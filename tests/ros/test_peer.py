@@ -50,7 +50,7 @@ EXPLORER = {
         "diagnostic_msgs::msg::dds_::DiagnosticArray_",
         NOT_LATCHED,
         "map",
-        r"anm_mj: explore 0 step,plan",
+        r"anm_mj: explore [01] step,plan",
     ),
     "/tf": ("tf2_msgs::msg::dds_::TFMessage_", NOT_LATCHED, "(map|odom)", "map>odom|odom>base_link"),
     "/cmd_vel": ("geometry_msgs::msg::dds_::Twist_", NOT_LATCHED, "", r"-?\d\.\d+ -?\d\.\d+"),
