@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 import anm_mj.environments  # noqa: F401  Registers AnmMj/Explore-v0.
 from anm_mj.environments.wrappers import Directions, KeepDistance, RepeatAction
 
-TRAINING, TEST = ("room", "flat", "office", "residence"), "home"
+TRAINING, TEST, OUT = ("room", "flat", "office", "residence"), "home", Path("learned")
 
 
 def make(scenes: tuple[str, ...], num_steps: int, repeat: int, people: int) -> gymnasium.Env:
@@ -53,20 +53,14 @@ def coverage(env: gymnasium.Env, seed: int, agent: PPO | None) -> float:
 def draw(out: Path) -> None:
     """The mean reward of the last 20 episodes against the decisions made."""
     log = np.genfromtxt(out / "learning.monitor.csv", delimiter=",", names=True, skip_header=1).reshape(-1)
-    mean = [log["r"][max(k - 19, 0) : k + 1].mean() for k in range(len(log))]
     axes = (figure := Figure(figsize=(6, 3.5), layout="constrained")).subplots()
-    axes.plot(log["l"].cumsum(), mean)
+    axes.plot(log["l"].cumsum(), [log["r"][max(k - 19, 0) : k + 1].mean() for k in range(len(log))])
     axes.set(xlabel="decisions", ylabel="new area [m²], mean of 20 episodes", ylim=(0, None))
     figure.savefig(out / "learning.png", dpi=120)
 
 
 def main(
-    out: Path = Path("learned"),
-    decisions: int = 8192,
-    envs: int = 4,
-    steps: int = 300,
-    starts: int = 20,
-    people: int = 0,
+    out: Path = OUT, decisions: int = 8192, envs: int = 4, steps: int = 300, starts: int = 20, people: int = 0
 ) -> None:
     """Train in processes (envs), in episodes of some steps; then test from random starts, the same for both."""
     out.mkdir(parents=True, exist_ok=True)
@@ -74,12 +68,10 @@ def main(
     agent.save(out / "agent")
     draw(out)
     thrice, once = make((TEST,), steps, 3, people), make((TEST,), steps, 1, people)
-    found = np.array(
-        [[coverage(thrice, k, agent), coverage(thrice, k, None), coverage(once, k, None)] for k in range(starts)]
-    )
-    for name, percent in zip(("agent", "random actions, three times each", "random actions"), found.T, strict=True):
-        gain = found[:, 0] - percent
-        error = gain.std(ddof=1) / starts**0.5
+    found = [[coverage(thrice, k, agent), coverage(thrice, k, None), coverage(once, k, None)] for k in range(starts)]
+    own, *_ = columns = np.array(found).T
+    for name, percent in zip(("agent", "random actions, three times each", "random actions"), columns, strict=True):
+        gain, error = own - percent, (own - percent).std(ddof=1) / starts**0.5
         print(f"{name}: {percent.mean():.1f} % of {TEST}; the agent has {gain.mean():+.1f} +- {error:.1f} (paired)")
 
 
