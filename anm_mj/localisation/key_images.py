@@ -125,7 +125,10 @@ class KeyImages:
 
     def add(self, observation: Observation, noise_per_m: float) -> None:
         """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square."""
-        self.images.append(key_image(observation, self.config.longest_px, noise_per_m))
+        image = self._last
+        if image is None or image.T_world_camera is not observation.T_world_camera:
+            image = key_image(observation, self.config.longest_px, noise_per_m)
+        self.images.append(image)
         if len(self.images) > self.config.most_images:
             poses = np.stack([image.T_world_camera for image in self.images])
             apart = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
