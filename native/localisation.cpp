@@ -7,8 +7,9 @@ namespace {
 using DoublesIn = Array<const double, 2>;
 using DoublesFlat = Array<const double, 1>;
 
-// Normal equations [2][6][6] and [2][6], costs, weights and counts [2][3] of a frame against an earlier one.
-nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, In depth, In image_gray,
+// Depth is of 16 bits, grey values are of 8. Normal equations [2][6][6] and [2][6], costs, weights and counts [2][3] of a frame against an earlier one.
+nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, Array<const std::uint16_t, 2> depth,
+                         Array<const std::uint8_t, 2> image_gray,
                          DoublesFlat camera, DoublesIn T, DoublesFlat settings) {
     const std::size_t count = points.shape(0);
     require(points.shape(1) == 3 && gray.size() == count && variance.size() == count && trust.size() == count,

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float16, Float32, Float64, UInt8
 from scipy import ndimage
 
 from anm_mj import _native
@@ -33,12 +33,11 @@ _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
 
 @dataclass
 class KeyImage:
-    """A posed frame at reduced size."""
+    """A posed frame at reduced size; numbers of few bits, as there are many."""
 
-    depth_m: Float32[np.ndarray, "h w"]
-    """Planar depth [m]; not finite where nothing was measured."""
-    gray: Float32[np.ndarray, "h w"]
-    """In [0, 1]."""
+    depth_m: Float16[np.ndarray, "h w"]
+    """Planar depth [m]; negative where it lies on no plane, not finite where nothing was measured."""
+    gray: UInt8[np.ndarray, "h w"]
     camera: Float64[np.ndarray, "4"]
     """fx, fy, cx, cy [px]."""
     T_world_camera: Float[np.ndarray, "4 4"]
@@ -53,7 +52,8 @@ class KeyImage:
         """Depth, camera and pose."""
         height, width = self.depth_m.shape
         fx, fy, cx, cy = self.camera.tolist()
-        return self.depth_m, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
+        depth = np.where(self.depth_m > 0.0, self.depth_m, np.nan).astype(np.float32)
+        return depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
 
 
 def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:
@@ -71,7 +71,7 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
     rows, cols = k.height // factor, k.width // factor
     picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
-    gray = gray_values(observation.rgb.astype(np.float32)) / np.float32(255.0)
+    gray = gray_values(observation.rgb.astype(np.float32))
     if factor > 1:
         # About the picked pixel: the mean of an even block would stand half a pixel beside its ray.
         gray = ndimage.uniform_filter(gray, factor | 1, mode="nearest")[picked]
@@ -83,14 +83,15 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     if math.isfinite(noise_per_m) and noise_per_m > _LITTLE_NOISE_PER_M:
         radius = _RADIUS_PX
         depth = smoothed_depth(depth, radius, noise_per_m)
-    gray = np.ascontiguousarray(gray, np.float32)
-    return KeyImage(depth, gray, camera, observation.T_world_camera, observation.step, radius)
+    with np.errstate(over="ignore"):
+        half = depth.astype(np.float16)
+    return KeyImage(half, np.rint(gray).astype(np.uint8), camera, observation.T_world_camera, observation.step, radius)
 
 
 def smoothed_depth(
     depth_m: Float32[np.ndarray, "h w"], radius_px: int, noise_per_m: float
 ) -> Float32[np.ndarray, "h w"]:
-    """The mean of inverse depth over squares, as depth [m]; NaN at edges and where too little was measured."""
+    """The mean of inverse depth over squares, as depth [m]; at edges what was measured, negative."""
     size = 2 * radius_px + 1
     measured = is_measured(depth_m)
     inverse = np.where(measured, 1.0 / np.where(measured, depth_m, 1.0), 0.0)
@@ -102,7 +103,7 @@ def smoothed_depth(
         spread = np.sqrt(np.maximum(square / share - mean**2, 0.0))
         # A plane spreads too, but over a few pixels only by a small share.
         smooth = measured & (share > 0.5) & (spread < np.maximum(0.05 * mean, 2.0 * noise_per_m))
-        return np.where(smooth, 1.0 / mean, np.nan).astype(np.float32)
+        return np.where(smooth, 1.0 / mean, np.where(measured, -depth_m, np.nan)).astype(np.float32)
 
 
 class KeyImages:
@@ -195,7 +196,7 @@ class KeyImages:
             np.ascontiguousarray(gray_values(points.rgb)),
             points.variance_m2,
             points.trust,
-            image.depth_m,
+            image.depth_m.view(np.uint16),
             image.gray,
             image.camera,
             np.ascontiguousarray(T),
@@ -205,6 +206,35 @@ class KeyImages:
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
         full, slope = turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0)
         return Sums(full, slope, float(facts[0, 0]), float(facts[0, 2]))
+
+
+class FrameToImages:
+    """Compares points of a frame with some images; implements :class:`~.registration.Extra`."""
+
+    def __init__(self, kept: KeyImages, images: list[KeyImage], points: FramePoints, noise_per_m: float) -> None:
+        """Of the images that are given."""
+        self._kept, self._images, self._points, self._noise_per_m = kept, images, points, noise_per_m
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
+        """Sums over the points and images at a pose."""
+        parts = [
+            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel)
+            for image in self._images
+        ]
+        # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
+        return Sums(
+            np.sum([part.hessian for part in parts], axis=0),
+            np.sum([part.gradient for part in parts], axis=0),
+            sum(part.cost for part in parts) / len(parts),
+            sum(part.num_points for part in parts) / len(parts),
+        )
+
+    def every(self, step: int) -> FrameToImages:
+        """The same of each ``step``-th point."""
+        return FrameToImages(self._kept, self._images, self._points.every(step), self._noise_per_m)
 
 
 def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: Float[np.ndarray, " n"]) -> float:
@@ -220,7 +250,7 @@ def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: F
     inside = (seen[:, 2] > 0.05) & (col >= 0.0) & (row >= 0.0) & (col < width) & (row < height)
     at = row[inside].astype(np.int64), col[inside].astype(np.int64)
     with np.errstate(invalid="ignore"):
-        on = np.abs(image.depth_m[at] - depth[inside]) < 0.05 * depth[inside]
+        on = np.abs(np.abs(image.depth_m[at]) - depth[inside]) < 0.05 * depth[inside]
     scale = depth[inside] / own_depth_m[inside]
     on &= (scale < _MOST_SCALE) & (scale > 1.0 / _MOST_SCALE)
     return float(np.count_nonzero(on)) / max(1, len(world_m))

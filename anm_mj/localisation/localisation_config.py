@@ -79,7 +79,9 @@ class KeyImageConfig(Settings, group="localisation.key_images", error=MapError):
     """So many of them; 0 = the field alone."""
     most_images: int = setting(300, at_least=2, at_most=100_000)
     """So many are kept at most; then one of those that are most alike goes."""
-    longest_px: int = setting(160, at_least=16, at_most=4096)
+    num_points: int = setting(3000, at_least=50, at_most=65_536)
+    """Pixels of a frame that are compared with them."""
+    longest_px: int = setting(256, at_least=16, at_most=4096)
     """They are reduced to at most so many pixels along the longer side."""
     least_overlap: float = 0.5
     """An image is wanted that shows at least this share of the frame's points."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
@@ -43,8 +43,23 @@ class Fit(NamedTuple):
     """Of these points among all."""
 
 
-Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], Sums]
-"""Further sums over a frame's points at a pose, with a width of the kernel in standard deviations."""
+@runtime_checkable
+class Extra(Protocol):
+    """What else a frame is compared with."""
+
+    def __len__(self) -> int:
+        """Points that are compared."""
+        ...
+
+    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
+        """Sums over these points at a pose, with a width of the kernel in standard deviations."""
+        ...
+
+    def every(self, step: int) -> Extra:
+        """The same of each ``step``-th of its points."""
+        ...
+
+
 Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
 """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
@@ -114,7 +129,7 @@ def register(
         align: The field.
         known: Which places of the field can be trusted.
         config: Settings.
-        extra: Adds to the normal equations.
+        extra: What else adds to the normal equations.
         start: Where the search begins; None = at the prior.
     """
     basis = prior.basis
@@ -123,18 +138,18 @@ def register(
     trusted = points
     hessian = np.zeros_like(information)
 
-    def fit(cost: float, num_points: float) -> Fit:
-        return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, len(points)))
+    def fit(cost: float, num_points: float, among: int) -> Fit:
+        return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, among))
 
     def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
         settings = config.settings(share)
         found = align(trusted, T, settings)
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
-        fits = [fit(found.facts[0, 0], found.facts[0, 2])]
+        fits = [fit(found.facts[0, 0], found.facts[0, 2], len(points))]
         if extra is not None:
-            more = extra(points, T, settings.kernel)
+            more = extra(T, settings.kernel)
             full, slope = full + more.hessian, slope + more.gradient
-            fits.append(fit(more.cost, more.num_points))
+            fits.append(fit(more.cost, more.num_points, len(extra)))
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
 
     iteration = 0
@@ -229,6 +244,7 @@ def register_from_several(
         first: From the prior.
     """
     few = points.every(max(1, len(points) // config.retry_points))
+    few_extra = extra and extra.every(max(1, len(extra) // config.retry_points))
 
     def cost(found: Registration) -> float:
         if is_jump(prior, found, config):
@@ -246,7 +262,7 @@ def register_from_several(
     for _ in range(config.retry_starts):
         offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
         start = moved_camera(prior.T_world_camera, offset)
-        found = register(few, prior, align, known, config, extra, start)
+        found = register(few, prior, align, known, config, few_extra, start)
         value = cost(found)
         if value < lowest:
             best, lowest = found, value
