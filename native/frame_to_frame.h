@@ -2,9 +2,11 @@
 // point falls into the other image. It needs no map: sharp where the two overlap, blind elsewhere.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <vector>
 
 #include "kernel.h"
 
@@ -27,6 +29,7 @@ struct Image {
     const std::uint8_t* gray = nullptr;
     int width = 0, height = 0;
     double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;  // pixel (u, v) has its centre at (u + 0.5, v + 0.5)
+    double per_fx = 1.0 / fx, per_fy = 1.0 / fy;
 
     // Depth of a pixel, or 0 where it is not in the image or was not measured.
     double depth_at(int row, int col) const {
@@ -41,8 +44,8 @@ struct Image {
     }
     double gray_at(int row, int col) const { return gray[static_cast<std::ptrdiff_t>(row) * width + col] * (1.0 / 255.0); }
     void point(int row, int col, double z, double (&out)[3]) const {
-        out[0] = (col + 0.5 - cx) / fx * z;
-        out[1] = (row + 0.5 - cy) / fy * z;
+        out[0] = (col + 0.5 - cx) * per_fx * z;
+        out[1] = (row + 0.5 - cy) * per_fy * z;
         out[2] = z;
     }
 };
@@ -88,7 +91,8 @@ inline bool surface_at(const Image& image, int row, int col, int stencil, double
     normal[2] = b[0] * a[1] - b[1] * a[0];
     const double length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     if (!(length > 1e-12)) return false;
-    for (double& value : normal) value /= length;
+    const double scale = 1.0 / length;
+    for (double& value : normal) value *= scale;
     image.point(row, col, z, point);
     return true;
 }
@@ -131,7 +135,8 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
             length += arm[axis] * arm[axis];
         }
         if (!(p[2] > 0.05)) continue;
-        const double u = image.fx * p[0] / p[2] + image.cx, v = image.fy * p[1] / p[2] + image.cy;
+        const double per_depth = 1.0 / p[2];
+        const double u = image.fx * p[0] * per_depth + image.cx, v = image.fy * p[1] * per_depth + image.cy;
         if (!(u >= 1.0 && v >= 1.0 && u < image.width - 1.0 && v < image.height - 1.0)) continue;
         const int col_of = static_cast<int>(u), row_of = static_cast<int>(v);
         const auto jacobian = [&](const double (&g)[3], double (&row)[6]) {
@@ -176,8 +181,8 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
         const double there = (1 - b) * ((1 - a) * g00 + a * g01) + b * ((1 - a) * g10 + a * g11);
         const double difference = there - gray[i];
         const double by_u = (1 - b) * (g01 - g00) + b * (g11 - g10), by_v = (1 - a) * (g10 - g00) + a * (g11 - g01);
-        const double du = by_u * image.fx / p[2], dv = by_v * image.fy / p[2];
-        const double slope[3] = {du, dv, -(du * p[0] + dv * p[1]) / p[2]};
+        const double du = by_u * image.fx * per_depth, dv = by_v * image.fy * per_depth;
+        const double slope[3] = {du, dv, -(du * p[0] + dv * p[1]) * per_depth};
         const double precision = 1.0 / (at.gray_deviation * at.gray_deviation);
         const double total = difference * difference * precision;
         const double gray_share = at.gray_kernel * at.gray_kernel / (at.gray_kernel * at.gray_kernel + total);
@@ -190,6 +195,59 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
         gain.add(row, difference, there, believed);
     }
     gain.leave_out(sums[1]);
+}
+
+// The mean of inverse depth over squares that reach `radius` pixels, as depth; at edges, where the squares spread by more
+// than a share of themselves and the noise, what was measured, negative; 0 where nothing was measured.
+inline void smoothed_depth(const float* depth, int height, int width, int radius, double noise, double spread_share,
+                           float* out) {
+    struct Sums { double count, total, square; };
+    const int size = 2 * radius + 1;
+    std::vector<Sums> columns(static_cast<std::size_t>(width), Sums{0.0, 0.0, 0.0});
+    const auto inverse_at = [&](int row, int col) {
+        const float z = depth[static_cast<std::ptrdiff_t>(row) * width + col];
+        return z > 0.0F && z < Image::kMeasured ? 1.0 / static_cast<double>(z) : 0.0;
+    };
+    const auto add_line = [&](int row, double sign) {
+        if (row < 0 || row >= height) return;
+        for (int col = 0; col < width; ++col) {
+            const double inverse = inverse_at(row, col);
+            Sums& sums = columns[static_cast<std::size_t>(col)];
+            sums.count += inverse > 0.0 ? sign : 0.0;
+            sums.total += sign * inverse;
+            sums.square += sign * inverse * inverse;
+        }
+    };
+    for (int row = 0; row < radius; ++row) add_line(row, 1.0);
+    for (int row = 0; row < height; ++row) {
+        add_line(row + radius, 1.0);
+        add_line(row - radius - 1, -1.0);
+        Sums sums{0.0, 0.0, 0.0};
+        const auto add_column = [&](int col, double sign) {
+            if (col < 0 || col >= width) return;
+            const Sums& other = columns[static_cast<std::size_t>(col)];
+            sums.count += sign * other.count;
+            sums.total += sign * other.total;
+            sums.square += sign * other.square;
+        };
+        for (int col = 0; col < radius; ++col) add_column(col, 1.0);
+        for (int col = 0; col < width; ++col) {
+            add_column(col + radius, 1.0);
+            add_column(col - radius - 1, -1.0);
+            const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(row) * width + col;
+            const double inverse = inverse_at(row, col);
+            if (!(inverse > 0.0)) {
+                out[at] = 0.0F;
+                continue;
+            }
+            const double mean = sums.total / sums.count;
+            const double variance = sums.square / sums.count - mean * mean;
+            // A plane spreads too, but over a few pixels only by a small share.
+            const double most = std::max(spread_share * mean, 2.0 * noise);
+            const bool smooth = 2.0 * sums.count > size * size && variance < most * most;
+            out[at] = smooth ? static_cast<float>(1.0 / mean) : -depth[at];
+        }
+    }
 }
 
 }  // namespace anm

@@ -40,9 +40,19 @@ nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, 
     return as_arrays(sums);
 }
 
+Out smoothed_depth(In depth, int radius, double noise, double spread_share) {
+    float* out = nullptr;
+    Out result = make_array({depth.shape(0), depth.shape(1)}, out);
+    nb::gil_scoped_release release;
+    anm::smoothed_depth(depth.data(), static_cast<int>(depth.shape(0)), static_cast<int>(depth.shape(1)), radius, noise,
+                        spread_share, out);
+    return result;
+}
+
 }  // namespace
 
 void bind_localisation(nb::module_& m) {
     m.def("frame_to_frame", &frame_to_frame, "points"_a, "gray"_a, "variance"_a, "trust"_a, "depth"_a, "image_gray"_a,
           "camera"_a, "T"_a, "settings"_a);
+    m.def("smoothed_depth", &smoothed_depth, "depth"_a, "radius"_a, "noise"_a, "spread_share"_a);
 }

@@ -26,6 +26,8 @@ _LITTLE_NOISE_PER_M = 2e-4
 """Sensors with less depth noise give normals from pixel to pixel [1/m]."""
 _RADIUS_PX = 2
 """Depth of others is averaged over squares that reach so far."""
+_PLANE_SPREAD = 0.05
+"""Inverse depth that spreads by a larger share of itself over such a square is an edge."""
 _MOST_SCALE = 2.0
 """What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
@@ -36,7 +38,7 @@ class KeyImage:
     """A posed frame at reduced size; numbers of few bits, as there are many."""
 
     depth_m: Float16[np.ndarray, "h w"]
-    """Planar depth [m]; negative where it lies on no plane, not finite where nothing was measured."""
+    """Planar depth [m]; negative where it lies on no plane, 0 or not finite where nothing was measured."""
     gray: UInt8[np.ndarray, "h w"]
     camera: Float64[np.ndarray, "4"]
     """fx, fy, cx, cy [px]."""
@@ -91,19 +93,9 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
 def smoothed_depth(
     depth_m: Float32[np.ndarray, "h w"], radius_px: int, noise_per_m: float
 ) -> Float32[np.ndarray, "h w"]:
-    """The mean of inverse depth over squares, as depth [m]; at edges what was measured, negative."""
-    size = 2 * radius_px + 1
-    measured = is_measured(depth_m)
-    inverse = np.where(measured, 1.0 / np.where(measured, depth_m, 1.0), 0.0)
-    share = ndimage.uniform_filter(measured.astype(np.float64), size, mode="constant")
-    total = ndimage.uniform_filter(inverse.astype(np.float64), size, mode="constant")
-    square = ndimage.uniform_filter(np.square(inverse, dtype=np.float64), size, mode="constant")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = total / share
-        spread = np.sqrt(np.maximum(square / share - mean**2, 0.0))
-        # A plane spreads too, but over a few pixels only by a small share.
-        smooth = measured & (share > 0.5) & (spread < np.maximum(0.05 * mean, 2.0 * noise_per_m))
-        return np.where(smooth, 1.0 / mean, np.where(measured, -depth_m, np.nan)).astype(np.float32)
+    """The mean of inverse depth over squares, as depth [m]; at edges what was measured, negative; else 0."""
+    depth = np.where(is_measured(depth_m), depth_m, np.float32(0.0))
+    return _native.smoothed_depth(depth, radius_px, noise_per_m, _PLANE_SPREAD)
 
 
 class KeyImages:
@@ -175,8 +167,12 @@ class KeyImages:
         T_world_camera: Float[np.ndarray, "4 4"],
         noise_per_m: float,
         kernel: float,
+        gray: Float32[np.ndarray, " n"] | None = None,
     ) -> Sums:
-        """Sums over a frame's points against an image, by displacement and rotation in the world."""
+        """Sums over a frame's points against an image, by displacement and rotation in the world.
+
+        ``gray`` are the grey values of the points, where they are known already.
+        """
         config = self.config
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
@@ -193,7 +189,7 @@ class KeyImages:
         )
         hessian, gradient, facts = _native.frame_to_frame(
             points.camera_m,
-            np.ascontiguousarray(gray_values(points.rgb)),
+            gray_values(points.rgb) if gray is None else gray,
             points.variance_m2,
             points.trust,
             image.depth_m.view(np.uint16),
@@ -214,6 +210,7 @@ class FrameToImages:
     def __init__(self, kept: KeyImages, images: list[KeyImage], points: FramePoints, noise_per_m: float) -> None:
         """Of the images that are given."""
         self._kept, self._images, self._points, self._noise_per_m = kept, images, points, noise_per_m
+        self._gray = gray_values(points.rgb)
 
     def __len__(self) -> int:
         return len(self._points)
@@ -221,7 +218,7 @@ class FrameToImages:
     def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
         """Sums over the points and images at a pose."""
         parts = [
-            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel)
+            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel, self._gray)
             for image in self._images
         ]
         # Costs are means over the images, as a point that one of them does not show is no outlier of the others.

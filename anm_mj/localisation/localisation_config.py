@@ -24,8 +24,6 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Most steps of Gauss-Newton."""
     shrink_iterations: int = setting(4, at_least=0)
     """Steps over which the kernel on distances shrinks."""
-    recheck_after: int = setting(3, at_least=0)
-    """After so many steps, which points lie at known surface is found again."""
     first_kernel: float = 20.0
     """Width of the kernel on distances at first, in standard deviations."""
     kernel: float = 2.5

@@ -64,6 +64,8 @@ Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
 """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
+_COARSE_STEP = 3
+"""Of so many points one is registered at first."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
 """Directions of motion of a base on the floor: along world x and y, and about z."""
 FREE = np.eye(6)
@@ -152,9 +154,14 @@ def register(
             fits.append(fit(more.cost, more.num_points, len(extra)))
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
 
+    # While the kernel is wide, fewer points find the place.
+    all_points, all_extra = points, extra
+    points, extra = points.every(_COARSE_STEP), extra and extra.every(_COARSE_STEP)
     iteration = 0
     while True:
-        if iteration in (0, config.recheck_after):
+        if iteration == config.shrink_iterations:
+            points, extra = all_points, all_extra
+        if iteration in (0, config.shrink_iterations):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
         equations, hessian, gradient, fits = sums(T, share)
