@@ -28,6 +28,8 @@ struct Image {
     const std::uint16_t* depth = nullptr;
     const std::uint8_t* gray = nullptr;
     int width = 0, height = 0;
+    int gray_width = 0, gray_height = 0;
+    double gray_share = 1.0;  // pixels of the grey image to one of depth, along a side: less than 1 where it is coarser
     double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;  // pixel (u, v) has its centre at (u + 0.5, v + 0.5)
     double per_fx = 1.0 / fx, per_fy = 1.0 / fy;
 
@@ -42,7 +44,7 @@ struct Image {
         const double z = std::abs(static_cast<double>(from_half(depth[static_cast<std::ptrdiff_t>(row) * width + col])));
         return z < kMeasured ? z : 0.0;
     }
-    double gray_at(int row, int col) const { return gray[static_cast<std::ptrdiff_t>(row) * width + col] * (1.0 / 255.0); }
+    double gray_at(int row, int col) const { return gray[static_cast<std::ptrdiff_t>(row) * gray_width + col] * (1.0 / 255.0); }
     void point(int row, int col, double z, double (&out)[3]) const {
         out[0] = (col + 0.5 - cx) * per_fx * z;
         out[1] = (row + 0.5 - cy) * per_fy * z;
@@ -173,7 +175,8 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
             weight = points.trust[i] * share * share;
         }
         if (!(at.gray_deviation > 0.0)) continue;
-        const double left = u - 0.5, top = v - 0.5;
+        const double left = u * image.gray_share - 0.5, top = v * image.gray_share - 0.5;
+        if (!(left >= 0.0 && top >= 0.0 && left < image.gray_width - 1.0 && top < image.gray_height - 1.0)) continue;
         const int col = static_cast<int>(left), line = static_cast<int>(top);
         const double a = left - col, b = top - line;
         const double g00 = image.gray_at(line, col), g01 = image.gray_at(line, col + 1);
@@ -181,7 +184,8 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
         const double there = (1 - b) * ((1 - a) * g00 + a * g01) + b * ((1 - a) * g10 + a * g11);
         const double difference = there - gray[i];
         const double by_u = (1 - b) * (g01 - g00) + b * (g11 - g10), by_v = (1 - a) * (g10 - g00) + a * (g11 - g01);
-        const double du = by_u * image.fx * per_depth, dv = by_v * image.fy * per_depth;
+        const double gray_per_m = image.gray_share * per_depth;
+        const double du = by_u * image.fx * gray_per_m, dv = by_v * image.fy * gray_per_m;
         const double slope[3] = {du, dv, -(du * p[0] + dv * p[1]) * per_depth};
         const double precision = 1.0 / (at.gray_deviation * at.gray_deviation);
         const double total = difference * difference * precision;

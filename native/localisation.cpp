@@ -14,11 +14,11 @@ nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, 
     const std::size_t count = points.shape(0);
     require(points.shape(1) == 3 && gray.size() == count && variance.size() == count && trust.size() == count,
             "grey values, variance and trust need a value per point");
-    require(image_gray.shape(0) == depth.shape(0) && image_gray.shape(1) == depth.shape(1), "the images differ in size");
-    require(camera.size() == 4 && T.shape(0) >= 3 && T.shape(1) == 4 && settings.size() == 8, "wrong sizes");
+    require(camera.size() == 4 && T.shape(0) >= 3 && T.shape(1) == 4 && settings.size() == 9, "wrong sizes");
     const anm::FramePoints frame{points.data(), nullptr, variance.data(), trust.data(), static_cast<int>(count)};
     const anm::Image image{depth.data(), image_gray.data(), static_cast<int>(depth.shape(1)),
-                           static_cast<int>(depth.shape(0)), camera(0), camera(1), camera(2), camera(3)};
+                           static_cast<int>(depth.shape(0)), static_cast<int>(image_gray.shape(1)),
+                           static_cast<int>(image_gray.shape(0)), settings(8), camera(0), camera(1), camera(2), camera(3)};
     anm::FrameAlignment at;
     for (std::size_t i = 0; i < 3; ++i) {
         for (std::size_t j = 0; j < 3; ++j) at.rotation[3 * i + j] = T(i, j);

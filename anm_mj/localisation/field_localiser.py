@@ -16,7 +16,7 @@ from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.frame_points import draw_points, without_moved
-from anm_mj.localisation.key_images import FrameToImages, KeyImages
+from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages, coarse_gray_at, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
@@ -145,7 +145,8 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-        extra = self._extra(told, points, prior, noise, rng)
+        image = key_image(observation, self.config.key_images.longest_px, noise)
+        extra = self._extra(told, image, points, prior, rng)
         align, known = self._map.backend.align, self._known
         found = register(points, prior, align, known, settings, extra)
         if may_be_wrong(prior, found, self._costs, self.config.registration):
@@ -162,7 +163,7 @@ class FieldLocaliser:
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
-        self._key_images.see(estimate.observation, noise)
+        self._key_images.see(replace(image, T_world_camera=estimate.observation.T_world_camera))
         return estimate
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
@@ -226,15 +227,16 @@ class FieldLocaliser:
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
     def _extra(
-        self, told: Observation, points: FramePoints, prior: Prior, noise: float, rng: np.random.Generator
+        self, told: Observation, image: KeyImage, points: FramePoints, prior: Prior, rng: np.random.Generator
     ) -> FrameToImages | None:
         """Earlier frames that a frame is compared with."""
         config = self.config.key_images
         images = self._key_images.overlapping(points, prior.T_world_camera) if config.num_images else []
         if not images:
             return None
+        noise = self._map.occupancy.by_depth.noise.value
         many = draw_points(told, config.num_points, noise, self.config.registration.range_m, rng)
-        return FrameToImages(self._key_images, images, many, noise)
+        return FrameToImages(self._key_images, images, many, coarse_gray_at(image, many), noise)
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""

@@ -28,6 +28,8 @@ _RADIUS_PX = 2
 """Depth of others is averaged over squares that reach so far."""
 _PLANE_SPREAD = 0.05
 """Inverse depth that spreads by a larger share of itself over such a square is an edge."""
+_COARSE = 4
+"""Side of the squares whose grey values are averaged [px]."""
 _MOST_SCALE = 2.0
 """What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
@@ -40,6 +42,8 @@ class KeyImage:
     depth_m: Float16[np.ndarray, "h w"]
     """Planar depth [m]; negative where it lies on no plane, 0 or not finite where nothing was measured."""
     gray: UInt8[np.ndarray, "h w"]
+    coarse: UInt8[np.ndarray, "h4 w4"]
+    """Means of grey values over squares of four by four pixels: what is not yet near finds its way by them."""
     camera: Float64[np.ndarray, "4"]
     """fx, fy, cx, cy [px]."""
     T_world_camera: Float[np.ndarray, "4 4"]
@@ -87,7 +91,14 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
         depth = smoothed_depth(depth, radius, noise_per_m)
     with np.errstate(over="ignore"):
         half = depth.astype(np.float16)
-    return KeyImage(half, np.rint(gray).astype(np.uint8), camera, observation.T_world_camera, observation.step, radius)
+    return KeyImage(half, np.rint(gray).astype(np.uint8), coarse_gray(gray), camera, observation.T_world_camera, observation.step, radius)
+
+
+def coarse_gray(gray: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h4 w4"]:
+    """Means over squares; what is left over at the right and below is left out."""
+    rows, cols = gray.shape[0] // _COARSE, gray.shape[1] // _COARSE
+    squares = gray[: rows * _COARSE, : cols * _COARSE].reshape(rows, _COARSE, cols, _COARSE)
+    return np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
 
 
 def smoothed_depth(
@@ -108,9 +119,9 @@ class KeyImages:
         self._last: KeyImage | None = None
         """Of the last frame whose pose is known."""
 
-    def see(self, observation: Observation, noise_per_m: float) -> None:
+    def see(self, image: KeyImage) -> None:
         """Take a frame whose pose is known as the last one, until the next."""
-        self._last = key_image(observation, self.config.longest_px, noise_per_m)
+        self._last = image
 
     def forget_last(self) -> None:
         """The next frame does not follow a known one."""
@@ -167,11 +178,11 @@ class KeyImages:
         T_world_camera: Float[np.ndarray, "4 4"],
         noise_per_m: float,
         kernel: float,
-        gray: Float32[np.ndarray, " n"] | None = None,
+        coarse_gray: Float32[np.ndarray, " n"] | None = None,
     ) -> Sums:
         """Sums over a frame's points against an image, by displacement and rotation in the world.
 
-        ``gray`` are the grey values of the points, where they are known already.
+        ``coarse_gray`` are the points' grey values as of :attr:`KeyImage.coarse`, to be compared with these.
         """
         config = self.config
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
@@ -185,15 +196,16 @@ class KeyImages:
                 config.gray_deviation,
                 config.gray_kernel,
                 image.radius_px + 1,
+                1.0 if coarse_gray is None else 1.0 / _COARSE,
             ]
         )
         hessian, gradient, facts = _native.frame_to_frame(
             points.camera_m,
-            gray_values(points.rgb) if gray is None else gray,
+            gray_values(points.rgb) if coarse_gray is None else coarse_gray,
             points.variance_m2,
             points.trust,
             image.depth_m.view(np.uint16),
-            image.gray,
+            image.gray if coarse_gray is None else image.coarse,
             image.camera,
             np.ascontiguousarray(T),
             settings,
@@ -207,18 +219,26 @@ class KeyImages:
 class FrameToImages:
     """Compares points of a frame with some images; implements :class:`~.registration.Extra`."""
 
-    def __init__(self, kept: KeyImages, images: list[KeyImage], points: FramePoints, noise_per_m: float) -> None:
-        """Of the images that are given."""
+    def __init__(
+        self,
+        kept: KeyImages,
+        images: list[KeyImage],
+        points: FramePoints,
+        coarse_gray: Float32[np.ndarray, " n"],
+        noise_per_m: float,
+    ) -> None:
+        """Of the images that are given; ``coarse_gray`` as of :func:`coarse_gray_at`."""
         self._kept, self._images, self._points, self._noise_per_m = kept, images, points, noise_per_m
-        self._gray = gray_values(points.rgb)
+        self._coarse_gray = coarse_gray
 
     def __len__(self) -> int:
         return len(self._points)
 
-    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
+    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
         """Sums over the points and images at a pose."""
+        gray = self._coarse_gray if coarse else None
         parts = [
-            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel, self._gray)
+            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel, gray)
             for image in self._images
         ]
         # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
@@ -231,7 +251,19 @@ class FrameToImages:
 
     def every(self, step: int) -> FrameToImages:
         """The same of each ``step``-th point."""
-        return FrameToImages(self._kept, self._images, self._points.every(step), self._noise_per_m)
+        gray = np.ascontiguousarray(self._coarse_gray[::step])
+        return FrameToImages(self._kept, self._images, self._points.every(step), gray, self._noise_per_m)
+
+
+def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, " n"]:
+    """Coarse grey values of a frame's points in its own image, in [0, 1]."""
+    fx, fy, cx, cy = image.camera
+    depth = points.camera_m[:, 2]
+    # The first pixel's centre is at 0.
+    col = (fx * points.camera_m[:, 0] / depth + cx) / _COARSE - 0.5
+    row = (fy * points.camera_m[:, 1] / depth + cy) / _COARSE - 0.5
+    values = ndimage.map_coordinates(image.coarse.astype(np.float32), (row, col), order=1, mode="nearest")
+    return values / np.float32(255.0)
 
 
 def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: Float[np.ndarray, " n"]) -> float:

@@ -51,8 +51,11 @@ class Extra(Protocol):
         """Points that are compared."""
         ...
 
-    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
-        """Sums over these points at a pose, with a width of the kernel in standard deviations."""
+    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
+        """Sums over these points at a pose, with a width of the kernel in standard deviations.
+
+        ``coarse`` sums lead there from farther away.
+        """
         ...
 
     def every(self, step: int) -> Extra:
@@ -149,7 +152,7 @@ def register(
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
         fits = [fit(found.facts[0, 0], found.facts[0, 2], len(points))]
         if extra is not None:
-            more = extra(T, settings.kernel)
+            more = extra(T, settings.kernel, share < 1.0)
             full, slope = full + more.hessian, slope + more.gradient
             fits.append(fit(more.cost, more.num_points, len(extra)))
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
