@@ -26,6 +26,7 @@ from anm_mj.localisation.registration import (
     PLANAR,
     Prior,
     Registration,
+    found_by_looks,
     is_jump,
     may_be_wrong,
     register,
@@ -148,7 +149,8 @@ class FieldLocaliser:
         image = key_image(observation, self.config.key_images.longest_px, noise)
         extra = self._extra(told, image, points, prior, rng)
         align, known = self._map.backend.align, self._known
-        found = register(points, prior, align, known, settings, extra)
+        start = None if extra is None else found_by_looks(prior, extra, settings)
+        found = register(points, prior, align, known, settings, extra, start)
         if may_be_wrong(prior, found, self._costs, self.config.registration):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
         fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)

@@ -91,7 +91,15 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
         depth = smoothed_depth(depth, radius, noise_per_m)
     with np.errstate(over="ignore"):
         half = depth.astype(np.float16)
-    return KeyImage(half, np.rint(gray).astype(np.uint8), coarse_gray(gray), camera, observation.T_world_camera, observation.step, radius)
+    return KeyImage(
+        half,
+        np.rint(gray).astype(np.uint8),
+        coarse_gray(gray),
+        camera,
+        observation.T_world_camera,
+        observation.step,
+        radius,
+    )
 
 
 def coarse_gray(gray: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h4 w4"]:
@@ -213,7 +221,9 @@ class KeyImages:
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
         full, slope = turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0)
-        return Sums(full, slope, float(facts[0, 0]), float(facts[0, 2]))
+        return Sums(
+            full, slope, float(facts[0, 0]), float(facts[0, 2]), float(facts[1, 0]) / max(1.0, float(facts[1, 2]))
+        )
 
 
 class FrameToImages:
@@ -247,6 +257,7 @@ class FrameToImages:
             np.sum([part.gradient for part in parts], axis=0),
             sum(part.cost for part in parts) / len(parts),
             sum(part.num_points for part in parts) / len(parts),
+            sum(part.mean_gray_cost for part in parts) / len(parts),
         )
 
     def every(self, step: int) -> FrameToImages:

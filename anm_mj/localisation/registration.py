@@ -32,6 +32,8 @@ class Sums(NamedTuple):
     """Robust cost, in squared standard deviations."""
     num_points: float
     """Points that took part; the others cost as much as the worst of outliers."""
+    mean_gray_cost: float
+    """Of a point's grey value, in squared standard deviations."""
 
 
 class Fit(NamedTuple):
@@ -204,13 +206,43 @@ def register(
     )
 
 
+def found_by_looks(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
+    """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
+
+    A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
+    turn, with the displacement that goes with it.
+    """
+    few = extra.every(max(1, len(extra) // config.retry_points))
+    information = np.linalg.inv(prior.covariance)
+    size = len(prior.covariance)
+
+    def cost(offset: Float[np.ndarray, " k"]) -> float:
+        sums = few(moved_camera(prior.T_world_camera, prior.basis @ offset), config.first_kernel, True)
+        mean = sums.cost / max(sums.num_points, 1.0) + sums.mean_gray_cost
+        return config.information * len(extra) * mean + float(offset @ information @ offset)
+
+    best, lowest = np.zeros(size), np.inf
+    for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
+        deviation = float(np.sqrt(prior.covariance[axis, axis]))
+        if deviation < config.search_least_rad:
+            continue
+        way = prior.covariance[axis] / deviation
+        middle = best
+        for share in np.linspace(-3.0, 3.0, 13).tolist():
+            value = cost(middle + share * way)
+            if value < lowest:
+                best, lowest = middle + share * way, value
+    return moved_camera(prior.T_world_camera, prior.basis @ best)
+
+
 def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:
     """Whether a pose is too far from its prior to be believed of one frame."""
     return found.prior_cost > config.most_prior * len(prior.covariance)
 
 
 def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
-    """Whether a registration may have ended in a false minimum: it costs more than usual, or jumped.
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from
+    its prior.
 
     Args:
         prior: Of the frame.
@@ -222,7 +254,7 @@ def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], conf
     vague = position > config.retry_least_m or rotation > config.retry_least_rad
     usual = float(np.median(costs)) if costs else 0.0
     dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)
-    return dear or is_jump(prior, found, config)
+    return dear or found.prior_cost > config.retry_prior * len(prior.covariance)
 
 
 def register_from_several(
