@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import KeyImages, key_image, smoothed_depth
-from anm_mj.localisation.localisation_config import KeyImageConfig
+from anm_mj.localisation.key_images import FrameToImages, KeyImages, coarse_gray_at, key_image, smoothed_depth
+from anm_mj.localisation.localisation_config import KeyImageConfig, RegistrationConfig
+from anm_mj.localisation.registration import PLANAR, Prior, found_by_looks
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
@@ -48,6 +49,31 @@ def test_exposure_is_no_motion(room: Room, images: KeyImages) -> None:
         sums = images.equations(images.images[0], points, frame.T_world_camera, 0.0, KERNEL)
         off.append(np.linalg.solve(sums.hessian, -sums.gradient))
     assert np.linalg.norm(off[1] - off[0]) < 0.002
+
+
+def test_a_vague_turn_is_found_by_looks(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(key_image(frame, CONFIG.longest_px), points)
+    extra = FrameToImages(images, images.images[:2], points, gray, 0.0)
+    for off in (-0.12, 0.12):
+        T = moved_camera(frame.T_world_camera, np.array([0.0, 0.0, 0.0, 0.0, 0.0, off]))
+        prior = Prior(T, np.diag([0.01, 0.01, 0.08]) ** 2, PLANAR)
+        start = found_by_looks(prior, extra, RegistrationConfig())
+        assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.03
+        # What is well known is not searched for.
+        sure = replace(prior, covariance=np.diag([0.01, 0.01, 0.001]) ** 2)
+        np.testing.assert_array_equal(found_by_looks(sure, extra, RegistrationConfig()), T)
+
+
+def test_coarse_grey_values_are_those_of_a_frame_at_its_own_place(room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    kept = KeyImages(CONFIG)
+    kept.add(frame, 0.0)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(kept.images[0], points)
+    sums = kept.equations(kept.images[0], points, frame.T_world_camera, 0.0, KERNEL, gray)
+    assert sums.mean_gray_cost < 1e-6
 
 
 def test_what_lies_on_no_plane_tells_by_its_looks_alone(room: Room, images: KeyImages) -> None:
@@ -95,7 +121,7 @@ def test_the_oldest_that_shows_enough_is_chosen(room: Room, images: KeyImages) -
 def test_the_last_frame_is_preferred_until_it_is_forgotten(room: Room) -> None:
     kept = KeyImages(replace(CONFIG, num_images=1))
     kept.add(room.observe(1.5, 1.5, 0.0, size=128, step=0), 0.0)
-    kept.see(room.observe(1.5, 1.5, 0.3, size=128, step=3), 0.0)
+    kept.see(key_image(room.observe(1.5, 1.5, 0.3, size=128, step=3), CONFIG.longest_px))
     frame = room.observe(1.5, 1.5, 0.35, size=128)
     points = draw_points(frame, 300, 0.0, 8.0, np.random.default_rng(0))
     assert [image.step for image in kept.overlapping(points, frame.T_world_camera)] == [3]
