@@ -168,6 +168,7 @@ class Occupancy:
         edge: float,
         noise: float,
         doubt: float,
+        turn: float,
         range: float,
         free: int,
         known: int,

@@ -1,6 +1,7 @@
 // Which pixels of a depth image show what was not there before.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -12,7 +13,8 @@ namespace anm {
 struct MovedSettings {
     float edge = 0.0F;      // of a voxel
     float noise = 0.0F;     // by this times its square depth may be wrong
-    float doubt = 0.0F;     // by this, too: the pose
+    float doubt = 0.0F;     // by this, too: the position
+    float turn = 0.0F;      // and by this times its depth: the rotation
     float range = 0.0F;     // farther pixels are not looked at
     int free = 0;           // log-odds of a voxel that is surely free, or less
     int known = 0;          // of one that surely holds surface, or more
@@ -22,6 +24,8 @@ struct MovedSettings {
     float apart_m = 0.0F;   // neighbours hang together whose depths differ by less, or by less than
     float apart_share = 0.0F;  // this share
 };
+
+constexpr int kBorder = 2;  // pixels
 
 class MovedPixels {
 public:
@@ -54,6 +58,9 @@ public:
             }
         }
         for (std::size_t next = 0; next < queue.size(); ++next) grow(next, queue, out);
+        const std::size_t inner = queue.size();
+        for (std::size_t next = 0; next < inner; ++next) border(queue[next].first, queue, out);
+        for (std::size_t next = inner; next < queue.size(); ++next) out[queue[next].first] = 1;
         return static_cast<std::int64_t>(queue.size());
     }
 
@@ -62,7 +69,8 @@ private:
     bool contradicts(int pixel) const {
         const float z = depth_[pixel];
         if (!(z > 0.0F && z <= s_.range) || odds(pixel, z) > s_.free) return false;
-        const float end = z + s_.noise * z * z + s_.doubt;
+        const float turned = s_.turn * z;
+        const float end = z + s_.noise * z * z + std::sqrt(s_.doubt * s_.doubt + turned * turned);
         for (float behind = z + s_.edge; behind < end + s_.edge; behind += s_.edge) {
             if (odds(pixel, behind < end ? behind : end) > s_.free) return false;
         }
@@ -85,6 +93,22 @@ private:
             if (odds(other, depth) >= s_.known) continue;
             out[other] = 1;
             queue.emplace_back(other, reached);
+        }
+    }
+
+    // The image's edge of what moved belongs to it where the grid knows no surface: single voxels would be left of it.
+    void border(int pixel, std::vector<std::pair<int, float>>& queue, std::uint8_t* out) const {
+        const int row = pixel / width_, col = pixel % width_;
+        const auto inner = [&](int r, int c) { return r < 0 || r >= height_ || c < 0 || c >= width_ || out[r * width_ + c] == 1; };
+        if (inner(row - 1, col) && inner(row + 1, col) && inner(row, col - 1) && inner(row, col + 1)) return;
+        for (int r = row > kBorder ? row - kBorder : 0; r <= row + kBorder && r < height_; ++r) {
+            for (int c = col > kBorder ? col - kBorder : 0; c <= col + kBorder && c < width_; ++c) {
+                const int other = r * width_ + c;
+                const float depth = depth_[other];
+                if (out[other] || !(depth > 0.0F && depth <= s_.range) || odds(other, depth) >= s_.known) continue;
+                out[other] = 2;
+                queue.emplace_back(other, 0.0F);
+            }
         }
     }
 

@@ -163,7 +163,7 @@ class OccupancyKernels:
         self,
         voxels: VoxelArrays,
         view: CameraView,
-        doubt: tuple[float, float],
+        doubt: tuple[float, float, float],
         free_looks: int,
     ) -> Bool[np.ndarray, "h w"]:
         """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`).
@@ -171,7 +171,7 @@ class OccupancyKernels:
         Args:
             voxels: the grid.
             view: the image.
-            doubt: by how much depth may be too short: a factor of its square [1/m], and a length [m].
+            doubt: by how much depth may be too short: see :func:`anm_mj.mapping.moved_pixels.depth_doubt`.
             free_looks: so many frames more looked through surely free voxels than hit them.
         """
         config = self._config

@@ -143,9 +143,9 @@ def test_a_held_disc_is_an_obstacle_where_space_is_known_and_its_place_still_sur
 
 def test_depth_without_noise_may_be_too_short_by_nothing():
     unsure = replace(view(deviation_m=0.03), heading_deviation_rad=0.01)
-    assert depth_doubt(1e-6, view(), 5.0) == (0.0, 0.0)
-    assert depth_doubt(np.inf, view(), 5.0) == (0.0, 0.0)
-    assert depth_doubt(0.002, unsure, 4.0) == pytest.approx((0.008, 0.2))
+    assert depth_doubt(1e-6, view()) == (0.0, 0.0, 0.0)
+    assert depth_doubt(np.inf, view()) == (0.0, 0.0, 0.0)
+    assert depth_doubt(0.002, unsure) == pytest.approx((0.008, 0.12, 0.04))
 
 
 @pytest.mark.parametrize(
