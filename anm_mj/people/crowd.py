@@ -33,8 +33,8 @@ _ASIDE_RAD = math.radians(20.0)
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _FASTEST_SHARE = 1.3
 _STUCK_S, _YIELD_S, _JAM_M = 5.0, 1.5, 1.0
-"""Who gets nowhere for so long chooses another place, and sooner where one before it in the list is so near: two who meet
-in a doorway would wait for each other."""
+"""Who gets nowhere for so long chooses another place, and sooner where one before it in the list is so near: two who
+meet in a doorway would wait for each other."""
 _YIELD_TRIES = 10
 _NEAREST_GOAL_M = 2.0
 _ROBOT_START_M, _APART_M = 1.5, 0.8

@@ -104,7 +104,8 @@ class WalkingFloor:
         rows, cols = np.nonzero((self._routes.component == 1) & (clearance < _DOORWAY_M))
         reach = round(1.0 / grid.resolution_m)
         cells = zip(rows.tolist(), cols.tolist(), strict=True)
-        return grid.centres_m(*np.array([c for c in cells if self._is_doorway(clearance, *c, reach)], int).reshape(-1, 2).T)
+        narrow = np.array([cell for cell in cells if self._is_doorway(clearance, *cell, reach)], int)
+        return grid.centres_m(*narrow.reshape(-1, 2).T)
 
     @staticmethod
     def _is_doorway(clearance: Float32[np.ndarray, "rows cols"], row: int, col: int, reach: int) -> bool:
