@@ -155,8 +155,8 @@ def _distinct(indices: Int64[np.ndarray, "n d"]) -> Int64[np.ndarray, "m d"]:
 def depth_doubt(noise_per_m: float, observation: Observation) -> tuple[float, float, float]:
     """By how much a measured depth may be too short: a factor of its square [1/m], a length [m], and a factor of it.
 
-    The first is the sensor's noise, as :mod:`anm_mj.mapping.depth_noise` has it, infinite where nobody knows. The others
-    are errors of the pose, of its position and its rotation.
+    The first is the noise of the sensor, as :mod:`anm_mj.mapping.depth_noise` has it, infinite where nobody knows; the
+    others are errors of the pose, of its position and its rotation.
     """
     noise = 0.0 if noise_per_m < EXACT_PER_M or not math.isfinite(noise_per_m) else noise_per_m
     deviations = noise, observation.position_deviation_m, observation.heading_deviation_rad
