@@ -133,4 +133,75 @@ private:
     const MovedSettings& s_;
 };
 
+// What is left of things that have gone: in columns, three by three, most of which was hit once and was looked through
+// since, what was not looked through has gone, too. Low parts of somebody who stood there lie out of the camera's view.
+class LeftVoxels {
+public:
+    LeftVoxels(const Voxels& voxels, const std::uint8_t* heavy, int low, int high, int miss, std::int32_t frame)
+        : v_(voxels), heavy_(heavy), low_(low < 0 ? 0 : low), high_(high < v_.layers ? high : static_cast<int>(v_.layers)), miss_(miss), frame_(frame) {}
+
+    // Frees them in the blocks that `heavy` names and this frame changed; returns how many there were.
+    std::int64_t free() {
+        const std::int64_t block_rows = v_.rows >> kBlockShift, block_cols = v_.cols >> kBlockShift;
+        std::int64_t count = 0;
+        for (std::int64_t row = 0; row < block_rows; ++row) {
+            for (std::int64_t col = 0; col < block_cols; ++col) {
+                const std::int64_t block = row * block_cols + col;
+                if (heavy_[block] && v_.column_version[block] == frame_) count += free_block(row << kBlockShift, col << kBlockShift);
+            }
+        }
+        return count;
+    }
+
+private:
+    static constexpr int kSide = (1 << kBlockShift) + 2;
+    static constexpr int kLeast = 6, kShare = 2;
+
+    bool is_left(std::int64_t i) const { return v_.state[i] == 1 && v_.log_odds[i] >= 0; }
+    bool is_gone(std::int64_t i) const { return v_.num_hits[i] != 0 && v_.log_odds[i] < 0; }
+
+    std::int64_t free_block(std::int64_t first_row, std::int64_t first_col) {
+        int gone[kSide][kSide] = {}, left[kSide][kSide] = {};
+        bool any = false;
+        visit(first_row - 1, first_col - 1, kSide, [&](int r, int c, std::int64_t i) {
+            gone[r][c] += is_gone(i);
+            left[r][c] += is_left(i);
+            any |= v_.state[i] == 1;
+        });
+        if (!any) return 0;
+        std::int64_t count = 0;
+        visit(first_row, first_col, kSide - 2, [&](int r, int c, std::int64_t i) {
+            if (left[r + 1][c + 1] == 0) return;
+            int went = 0, stays = 0;
+            for (int dr = 0; dr < 3; ++dr) {
+                for (int dc = 0; dc < 3; ++dc) went += gone[r + dr][c + dc], stays += left[r + dr][c + dc];
+            }
+            if (went < kLeast || went < kShare * stays || !is_left(i)) return;
+            v_.log_odds[i] = static_cast<std::int8_t>(-miss_);
+            v_.state[i] = 0;
+            v_.num_hits[i] = 0;
+            ++count;
+        });
+        return count;
+    }
+
+    // Calls with row and column from 0, and the voxel's index, layer by layer.
+    template <class Call>
+    void visit(std::int64_t first_row, std::int64_t first_col, int side, const Call& call) const {
+        for (std::int64_t z = low_; z < high_; ++z) {
+            for (int r = 0; r < side; ++r) {
+                if (first_row + r < 0 || first_row + r >= v_.rows) continue;
+                for (int c = 0; c < side; ++c) {
+                    if (first_col + c >= 0 && first_col + c < v_.cols) call(r, c, (z * v_.rows + first_row + r) * v_.cols + first_col + c);
+                }
+            }
+        }
+    }
+
+    const Voxels& v_;
+    const std::uint8_t* heavy_;
+    int low_, high_, miss_;
+    std::int32_t frame_;
+};
+
 }  // namespace anm

@@ -105,6 +105,14 @@ public:
                        static_cast<int>(depth.shape(1)), range, matrix.data(), offset.data(), out.data(), work_.parallel());
     }
 
+    std::int64_t free_left(Blocks heavy, int low, int high, int miss, std::int32_t frame) {
+        require(heavy.shape(0) == static_cast<std::size_t>(voxels_.rows >> anm::kBlockShift) &&
+                    heavy.shape(1) == static_cast<std::size_t>(voxels_.cols >> anm::kBlockShift),
+                "one truth value per column of blocks is given");
+        nb::gil_scoped_release release;
+        return anm::LeftVoxels(voxels_, heavy.data(), low, high, miss, frame).free();
+    }
+
     std::int64_t moved(Image depth, Rays rays, InFlat matrix, InFlat offset, float edge, float noise, float doubt, float turn,
                        float range, int free, int known, int support, float reach_m, float focal_px, float apart_m,
                        float apart_share, Plane<std::uint8_t> out) {
@@ -164,6 +172,7 @@ void bind_occupancy(nb::module_& m) {
         .def("hits", &Occupancy::hits, "depth"_a, "rays"_a, "first_row"_a, "first_col"_a, "stride"_a, "range"_a,
              "matrix"_a, "offset"_a, "voxels"_a, "hit_depth"_a)
         .def("counts", &Occupancy::counts, "depth"_a, "rays"_a, "range"_a, "matrix"_a, "offset"_a, "out"_a)
+        .def("free_left", &Occupancy::free_left, "heavy"_a, "low"_a, "high"_a, "miss"_a, "frame"_a)
         .def("moved", &Occupancy::moved, "depth"_a, "rays"_a, "matrix"_a, "offset"_a, "edge"_a, "noise"_a, "doubt"_a, "turn"_a,
              "range"_a, "free"_a, "known"_a, "support"_a, "reach_m"_a, "focal_px"_a, "apart_m"_a, "apart_share"_a,
              "out"_a);

@@ -158,6 +158,8 @@ class DepthOccupancy:
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
         self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
+        if heavy.size:
+            self._kernels.free_left(self.voxels, heavy, self._moved.heights, self._num_frames)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
 
     def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:

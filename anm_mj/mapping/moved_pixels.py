@@ -25,7 +25,9 @@ from anm_mj.types import FREE, OCCUPIED, Observation
 NOISE_REACH = 4.0
 """Depth may be too short by so many standard deviations."""
 _HELD_M = 0.1, 1.5
-"""Heights up to which what is held is an obstacle [m]."""
+"""Heights between which what is held is an obstacle [m]."""
+_THING_M = 0.1, 2.2
+"""Heights between which things are that move [m]."""
 
 
 class MovedVoxels:
@@ -41,6 +43,9 @@ class MovedVoxels:
         """Voxels in which something moved lately, as single numbers in ascending order, and when last."""
         self._held: list[tuple[int, int, Float[np.ndarray, "n 3"], Int64[np.ndarray, "m 3"]]] = []
         """What is held: until which frame, for how many, around which discs, and the voxels."""
+        low, high = (round(height / occupancy.voxel_m) for height in _THING_M)
+        self.heights = low, high
+        """Lowest z index of what moves, and the one after the highest."""
 
     def take(self, voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int) -> None:
         """Note that something moved in voxels, given by x, y and z index; what stays there becomes surface."""

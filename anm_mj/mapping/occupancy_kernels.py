@@ -159,6 +159,21 @@ class OccupancyKernels:
             config.hit,
         )
 
+    def free_left(
+        self, voxels: VoxelArrays, heavy: UInt8[np.ndarray, "_ _"], heights: tuple[int, int], frame: int
+    ) -> None:
+        """Free what is left of things that have gone (``native/moved_pixels.h``), in what a frame has carved.
+
+        Args:
+            voxels: the grid.
+            heavy: columns of blocks to look at.
+            heights: lowest z index, and the one after the highest.
+            frame: number of the frame.
+        """
+        low, high = (height - int(voxels.corner[2]) for height in heights)
+        self._native.bind(*voxels)
+        self._native.free_left(heavy, low, high, self._config.miss, frame)
+
     def moved(
         self,
         voxels: VoxelArrays,

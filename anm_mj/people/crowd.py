@@ -230,6 +230,7 @@ class Crowd:
         places, here = self.floor.places_m, self.xy_m[one]
         others = np.vstack([np.delete(self.xy_m, one, axis=0), robot_xy_m])
         away = here - others[np.linalg.norm(others - here, axis=1).argmin()]
+        path = here[None]
         for _ in range(_YIELD_TRIES):
             goal, tries = here, 0
             while math.dist(goal, here) < _NEAREST_GOAL_M and tries < _TRIES:
