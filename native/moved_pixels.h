@@ -1,12 +1,14 @@
 // Which pixels of a depth image show what was not there before.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <utility>
 #include <vector>
 
 #include "occupancy.h"
+#include "tasks.h"
 
 namespace anm {
 
@@ -26,6 +28,7 @@ struct MovedSettings {
 };
 
 constexpr int kBorder = 2;  // pixels
+constexpr int kTasks = 32;
 
 class MovedPixels {
 public:
@@ -34,14 +37,16 @@ public:
         : v_(voxels), depth_(depth), rays_(rays), height_(height), width_(width), matrix_(matrix), offset_(offset), s_(settings) {}
 
     // out: [height][width], 1 for moved pixels. Returns how many there are.
-    std::int64_t find(std::uint8_t* out) const {
+    std::int64_t find(std::uint8_t* out, const Parallel& parallel) const {
         std::vector<std::uint8_t> seed(static_cast<std::size_t>(height_) * static_cast<std::size_t>(width_), 0);
-        bool any = false;
-        for (int pixel = 0; pixel < height_ * width_; ++pixel) {
-            out[pixel] = 0;
-            if (contradicts(pixel)) seed[static_cast<std::size_t>(pixel)] = 1, any = true;
-        }
-        if (!any) return 0;
+        std::uint8_t found[kTasks] = {};
+        run_tasks(parallel, kTasks, [&](int task, int) {
+            for (int pixel = height_ * task / kTasks * width_; pixel < height_ * (task + 1) / kTasks * width_; ++pixel) {
+                out[pixel] = 0;
+                if (contradicts(pixel)) seed[static_cast<std::size_t>(pixel)] = found[task] = 1;
+            }
+        });
+        if (std::find(found, found + kTasks, 1) == found + kTasks) return 0;
         // Breadth first, so that each pixel is reached by a shortest way.
         std::vector<std::pair<int, float>> queue;
         for (int row = 1; row + 1 < height_; ++row) {

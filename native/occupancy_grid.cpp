@@ -124,7 +124,7 @@ public:
         nb::gil_scoped_release release;
         const anm::MovedPixels pixels(voxels_, depth.data(), rays.data(), static_cast<int>(depth.shape(0)),
                                       static_cast<int>(depth.shape(1)), matrix.data(), offset.data(), settings);
-        return pixels.find(out.data());
+        return pixels.find(out.data(), work_.parallel());
     }
 
 private:
