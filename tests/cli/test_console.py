@@ -4,13 +4,16 @@ import io
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 
+import matplotlib
 import pytest
 from rich.table import Table
 
 from anm_mj.cli.console import PlainConsole, printable
+from anm_mj.utils.extras import EXTRAS
 from tests.scene.small import make_small_scene
 
 
@@ -51,9 +54,10 @@ raise SystemExit(7)
 
 
 @pytest.mark.parametrize("home", [None, pytest.param("/proc/nowhere", marks=pytest.mark.slow)])
-def test_a_user_without_a_home_explores(tmp_path, home):
-    program = """
+def test_a_user_without_home_and_extras_explores(tmp_path, home):
+    program = f"""
 import pwd, sys
+sys.modules |= dict.fromkeys({[*EXTRAS, "triton"]})
 def nobody(uid): raise KeyError(uid)
 pwd.getpwuid = nobody
 from anm_mj.cli.main import main
@@ -61,8 +65,10 @@ sys.exit(main(sys.argv[1:]))
 """
     folder = tmp_path / "Küche mit Leerzeichen"
     make_small_scene(tmp_path / "small")
+    # The list of fonts, which takes seconds to make.
+    shutil.copytree(matplotlib.get_cachedir(), tmp_path / f"anm_mj-{os.getuid()}" / ".cache" / "matplotlib")
     words = ["explore", str(tmp_path / "small"), "--steps", "3", "--out", str(folder), "--set", "image_px=32"]
-    words += ["--set", "mapping.schedule.first_iterations=5"]
+    words += ["--set", "mapping.schedule.first_iterations=5", "--set", "mapping.schedule.final_iterations=0"]
     env = {key: value for key, value in os.environ.items() if key not in {"HOME", "MPLCONFIGDIR"}}
     env |= {"TMPDIR": str(tmp_path)} | ({"HOME": home} if home else {})
     done = subprocess.run([sys.executable, "-c", program, *words], env=env, capture_output=True, text=True)
