@@ -18,8 +18,8 @@ _CONFIG = """
     <Watermarks><WhcHigh>32MB</WhcHigh></Watermarks></Internal>
 </Domain></CycloneDDS>
 """
-"""A colour and a depth image at once fit into the buffers: by default publishers wait at half a megabyte for subscribers,
-and what a receiver that is kept waiting has no room for is lost. The system may allow less than is asked for."""
+"""Buffers have room for a colour and a depth image at once: by default publishers wait for subscribers at half a
+megabyte, and what a receiver that is kept waiting has no room for is lost. The system may give less."""
 _LOCALHOST = """
   <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
     <AllowMulticast>false</AllowMulticast></General>
