@@ -37,6 +37,7 @@ from anm_mj.run import run_with
 from anm_mj.run_parts import make_parts
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 from anm_mj.types import Pose2
 
 SENSOR, WHEELS = "d435i", "model.wheel_noise=0.02"
@@ -89,6 +90,8 @@ def pair(out: Path, scene: str, number: int, steps: int, seed: int, *, noisy: bo
         errors = ("--sensor", SENSOR, "--set", WHEELS) if noisy else ()
         at = f"--start={','.join(map(str, there))}"
         options = [word for key, value in believed.items() for word in (f"--{key}", value)]
+        # As whoever looks into the camera's data sheet would.
+        options += ["--set", f"ros.max_range_m={SENSORS[SENSOR].max_range_m}"] if noisy else []
         explore_over_ros(wire.path, (scene, at, *errors, "--seed", seed), options)
     facts = (out / f"{wire.path.name}.txt").read_text()
     ((rate, contacts, left_out),) = re.findall(r"factor ([\d.]+)\), (\d+) contacts, .*, (\d+) left out", facts)

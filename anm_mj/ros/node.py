@@ -59,7 +59,7 @@ class Delivery(NamedTuple):
         )
 
 
-SENSOR = Delivery(reliable=False, depth=5)
+SENSOR = Delivery(reliable=False, depth=20)
 """Subscriptions to what comes often: publishers of both kinds match."""
 STATE = Delivery(reliable=True)
 LATCHED = Delivery(reliable=True, latched=True, depth=1)

@@ -68,7 +68,7 @@ sys.exit(main(sys.argv[1:]))
     # The list of fonts, which takes seconds to make.
     shutil.copytree(matplotlib.get_cachedir(), tmp_path / f"anm_mj-{os.getuid()}" / ".cache" / "matplotlib")
     words = ["explore", str(tmp_path / "small"), "--steps", "3", "--out", str(folder), "--set", "image_px=32"]
-    words += ["--set", "mapping.schedule.first_iterations=5"]
+    words += ["--set", "mapping.schedule.first_iterations=5", "--set", "mapping.schedule.final_iterations=0"]
     env = {key: value for key, value in os.environ.items() if key not in {"HOME", "MPLCONFIGDIR"}}
     env |= {"TMPDIR": str(tmp_path)} | ({"HOME": home} if home else {})
     done = subprocess.run([sys.executable, "-c", program, *words], env=env, capture_output=True, text=True)

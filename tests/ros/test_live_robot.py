@@ -48,7 +48,7 @@ def live(fake: FakeRosRobot, connected: Connection) -> Connection:
     fake.broken.clear()
     fake.obstacle_m, fake.pose = math.inf, Pose2(-1.0, 0.0, 0.0)
     time.sleep(0.3)
-    assert connected.health.present() is None
+    wait_until(lambda: connected.health.present() is None)
     connected.robot.act(Action.STOP)
     return connected
 
