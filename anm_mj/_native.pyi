@@ -159,6 +159,7 @@ class Occupancy:
         offset: _Floats,
         out: NDArray[np.uint16],
     ) -> None: ...
+    def free_left(self, heavy: NDArray[np.uint8], low: int, high: int, miss: int, frame: int) -> int: ...
     def moved(
         self,
         depth: _Floats,
@@ -168,6 +169,7 @@ class Occupancy:
         edge: float,
         noise: float,
         doubt: float,
+        turn: float,
         range: float,
         free: int,
         known: int,

@@ -146,11 +146,15 @@ struct CarveRow {
             if (settings.heavy == nullptr) {
                 any = lower(start, first, last, planar, index, changed, settings.miss);
             } else {
+                // Neighbouring blocks with the same miss in one go: most lines have one only.
+                const std::uint8_t* heavy = settings.heavy + (row >> kBlockShift) * block_cols;
                 for (int from = first, to = first; from < last; from = to) {
-                    const std::int64_t block_col = (first_col + from) >> kBlockShift;
-                    const std::int64_t end = ((block_col + 1) << kBlockShift) - first_col;
+                    std::int64_t block = (first_col + from) >> kBlockShift;
+                    const bool is_heavy = heavy[block] != 0;
+                    const std::int64_t last_block = (first_col + last - 1) >> kBlockShift;
+                    while (block < last_block && (heavy[block + 1] != 0) == is_heavy) ++block;
+                    const std::int64_t end = ((block + 1) << kBlockShift) - first_col;
                     to = end < last ? static_cast<int>(end) : last;
-                    const bool is_heavy = settings.heavy[(row >> kBlockShift) * block_cols + block_col] != 0;
                     any |= lower(start, from, to, planar, index, changed, is_heavy ? settings.heavy_miss : settings.miss);
                 }
             }

@@ -105,18 +105,26 @@ public:
                        static_cast<int>(depth.shape(1)), range, matrix.data(), offset.data(), out.data(), work_.parallel());
     }
 
-    std::int64_t moved(Image depth, Rays rays, InFlat matrix, InFlat offset, float edge, float noise, float doubt,
+    std::int64_t free_left(Blocks heavy, int low, int high, int miss, std::int32_t frame) {
+        require(heavy.shape(0) == static_cast<std::size_t>(voxels_.rows >> anm::kBlockShift) &&
+                    heavy.shape(1) == static_cast<std::size_t>(voxels_.cols >> anm::kBlockShift),
+                "one truth value per column of blocks is given");
+        nb::gil_scoped_release release;
+        return anm::LeftVoxels(voxels_, heavy.data(), low, high, miss, frame).free();
+    }
+
+    std::int64_t moved(Image depth, Rays rays, InFlat matrix, InFlat offset, float edge, float noise, float doubt, float turn,
                        float range, int free, int known, int support, float reach_m, float focal_px, float apart_m,
                        float apart_share, Plane<std::uint8_t> out) {
         require_rays(depth, rays, matrix, offset);
         require(out.shape(0) == depth.shape(0) && out.shape(1) == depth.shape(1), "one truth value per pixel is given");
         require(edge > 0.0F && focal_px > 0.0F, "the voxels' edge and the focal length are above zero");
-        const anm::MovedSettings settings{edge,    noise,    doubt,   range,   free, known, support,
+        const anm::MovedSettings settings{edge,    noise,    doubt,   turn,        range, free, known, support,
                                           reach_m, focal_px, apart_m, apart_share};
         nb::gil_scoped_release release;
         const anm::MovedPixels pixels(voxels_, depth.data(), rays.data(), static_cast<int>(depth.shape(0)),
                                       static_cast<int>(depth.shape(1)), matrix.data(), offset.data(), settings);
-        return pixels.find(out.data());
+        return pixels.find(out.data(), work_.parallel());
     }
 
 private:
@@ -164,7 +172,8 @@ void bind_occupancy(nb::module_& m) {
         .def("hits", &Occupancy::hits, "depth"_a, "rays"_a, "first_row"_a, "first_col"_a, "stride"_a, "range"_a,
              "matrix"_a, "offset"_a, "voxels"_a, "hit_depth"_a)
         .def("counts", &Occupancy::counts, "depth"_a, "rays"_a, "range"_a, "matrix"_a, "offset"_a, "out"_a)
-        .def("moved", &Occupancy::moved, "depth"_a, "rays"_a, "matrix"_a, "offset"_a, "edge"_a, "noise"_a, "doubt"_a,
+        .def("free_left", &Occupancy::free_left, "heavy"_a, "low"_a, "high"_a, "miss"_a, "frame"_a)
+        .def("moved", &Occupancy::moved, "depth"_a, "rays"_a, "matrix"_a, "offset"_a, "edge"_a, "noise"_a, "doubt"_a, "turn"_a,
              "range"_a, "free"_a, "known"_a, "support"_a, "reach_m"_a, "focal_px"_a, "apart_m"_a, "apart_share"_a,
              "out"_a);
 }

@@ -12,8 +12,7 @@ stamp=$venv/setup.stamp
 say() { echo "set-up: $*"; }
 fail() { echo "set-up: $*" >&2; exit 1; }
 
-# The build of torch, as uv names it (UV_TORCH_BACKEND=cpu, cu128, ...), or that of the last set-up; none: the one on the
-# package index, with CUDA.
+# The build of torch, as uv names it (UV_TORCH_BACKEND=cpu, cu128, ...), or that of the last set-up; none: chosen below.
 torch_backend=${UV_TORCH_BACKEND:-$(cat "$venv/torch-backend" 2>/dev/null || true)}
 unset UV_TORCH_BACKEND
 
@@ -28,11 +27,11 @@ state() {
     } | sha256sum | cut -d ' ' -f 1
 }
 
-# Prints the newest Python on the path, 3.11 or newer, that can import the modules given; ANM_MJ_PYTHON names another,
-# which pyenv may have though it is not on the path.
+# Prints the newest Python on the path that the project is tested with, else another from 3.11 on, if it can import the
+# modules given; ANM_MJ_PYTHON names another, which pyenv may have though it is not on the path.
 find_python() {
     local name
-    for name in ${ANM_MJ_PYTHON:-python3.14 python3.13 python3.12 python3.11 python3} \
+    for name in ${ANM_MJ_PYTHON:-python3.13 python3.12 python3.11 python3 python3.14} \
         ${ANM_MJ_PYTHON:+"${PYENV_ROOT:-${HOME:-}/.pyenv}"/versions/"${ANM_MJ_PYTHON#python}"*/bin/python}; do
         if "$name" -c "import sys$1; sys.exit(sys.version_info < (3, 11))" 2>/dev/null; then echo "$name"; return; fi
     done
@@ -60,7 +59,8 @@ apt_install() {
 # Whether the environment has the Python that ANM_MJ_PYTHON names.
 is_wanted() {
     local wanted
-    [ -n "${ANM_MJ_PYTHON:-}" ] && wanted=$(find_python "") || return 0
+    [ -n "${ANM_MJ_PYTHON:-}" ] || return 0
+    wanted=$(find_python "") || return
     [ "$("$wanted" -c 'import sys; print(sys.version_info[:2])')" = "$("$python" -c 'import sys; print(sys.version_info[:2])')" ]
 }
 
@@ -91,7 +91,19 @@ export_pip_settings() {
     export UV_INDEX_STRATEGY=unsafe-best-match
 }
 
-# The build of torch that was asked for, and then all other pins. The pinned hashes are those of the usual build, so this
+# Installs uv, and chooses the build of torch where nobody has: that for CPUs where there is no NVIDIA GPU and its index,
+# which is another one, can be reached; else the one on the package index, with CUDA.
+prepare_uv() {
+    local pins=$venv/uv.txt
+    awk '/^[^ #]/ { uv = /^uv==/ } uv' requirements.txt >"$pins"
+    "$python" -m pip install --quiet --no-deps --require-hashes --requirement "$pins" || return
+    export_pip_settings
+    [ -z "$torch_backend" ] && ! command -v nvidia-smi && ! [ -e /proc/driver/nvidia/version ] || return 0
+    UV_HTTP_RETRIES=0 UV_HTTP_TIMEOUT=10 "$python" -m uv pip install --quiet --dry-run --python "$python" --no-deps \
+        --torch-backend cpu "$(grep -o '^torch==[^ ]*' requirements.txt)" && torch_backend=cpu || true
+}
+
+# The build of torch that was chosen, and then all other pins. The pinned hashes are those of the usual build, so this
 # one is taken by its version. That for CPUs needs none of the CUDA packages that are pinned.
 install_with_backend() {
     [ -n "$torch_backend" ] || return
@@ -99,26 +111,19 @@ install_with_backend() {
     [ "$torch_backend" != cpu ] || others='torch==|cuda|nvidia|triton=='
     # An entry ends where the next one begins, at the start of a line.
     awk -v others="^($others)" '/^[^ #]/ { other = $0 ~ others } !other' requirements.txt >"$pins"
-    "$python" -m uv pip install --quiet --python "$python" --no-deps --torch-backend "$torch_backend" \
+    "$python" -m uv pip install --python "$python" --no-deps --torch-backend "$torch_backend" \
         "$(grep -o '^torch==[^ ]*' requirements.txt)" &&
-        "$python" -m uv pip install --quiet --python "$python" --no-deps --require-hashes --requirement "$pins" && return
+        "$python" -m uv pip install --python "$python" --no-deps --require-hashes --requirement "$pins" && return
     say "torch could not be fetched for '$torch_backend', going on with the usual build (3 GB)" >&3
     return 1
 }
 
 # The pins are complete, so nothing is resolved (--no-deps), and nothing else is taken for them (--require-hashes).
 install_with_uv() {
-    local pins=$venv/uv.txt
-    awk '/^[^ #]/ { uv = /^uv==/ } uv' requirements.txt >"$pins"
-    "$python" -m pip install --quiet --no-deps --require-hashes --requirement "$pins" || return
-    (
-        export_pip_settings
-        {
-            install_with_backend ||
-                "$python" -m uv pip install --quiet --python "$python" --no-deps --require-hashes \
-                    --requirement requirements.txt
-        } && "$python" -m uv pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
-    )
+    {
+        install_with_backend ||
+            "$python" -m uv pip install --python "$python" --no-deps --require-hashes --requirement requirements.txt
+    } && "$python" -m uv pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
 }
 
 install_with_pip() {
@@ -127,15 +132,17 @@ install_with_pip() {
 }
 
 install_packages() {
-    local count why
+    local count why has_uv=
+    prepare_uv >>"$log" 2>&1 && has_uv=yes
     count=$(grep -c '^[a-z].*==' requirements.txt)
     if [ -n "$torch_backend" ]; then
         say "installing $count pinned packages, torch for '$torch_backend'"
     else
-        say "installing $count pinned packages (the first time: 3 GB to download, 7 GB on disk;"
-        say "without an NVIDIA GPU, UV_TORCH_BACKEND=cpu make setup saves most of both)"
+        say "installing $count pinned packages (the first time: 3 GB to download, 7 GB on disk)"
     fi
-    install_with_uv 3>&1 >>"$log" 2>&1 && return
+    # uv names large files as it begins to fetch them.
+    [ -n "$has_uv" ] &&
+        install_with_uv 2> >(tee -a "$log" | sed -un 's/^ *Downloading /set-up: downloading /p') 3>&1 >>"$log" && return
     say "uv did not get through, going on with pip (some minutes)"
     install_with_pip >>"$log" 2>&1 && return
     # What CMake remembers of a failure would fail again.

@@ -71,10 +71,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(end.code or 0)
     from anm_mj.cli.console import PlainConsole, say_json
     from anm_mj.cli.log import log_to
-    from anm_mj.utils.files import home_folder
+    from anm_mj.utils.files import home_folder, nowhere_folder
 
     # matplotlib and others end the program for a user without a home.
     os.environ.setdefault("HOME", str(home_folder()))
+    if not os.access(os.environ["HOME"], os.W_OK):
+        os.environ.setdefault("MPLCONFIGDIR", str(nowhere_folder() / "matplotlib"))
 
     PlainConsole.manner = manner
     console = PlainConsole(stderr=True)

@@ -39,15 +39,20 @@ class ProgressLine:
         self._begun: tuple[int, float] | None = None
         """Step and time [s] of the first report."""
         self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
+        self._ended: Ended | None = None
 
     def __enter__(self) -> ProgressLine:
         if self._live is not None:
             self._live.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
+        elif kind is None and self._ended is not None:
+            # The last figures were computed while the map was finished.
+            line = " · ".join(part for part in self._so_far(self._ended.num_steps, self._ended.loop_s) if part)
+            self._console.print(line, highlight=False, soft_wrap=True)
 
     def on_event(self, event: object) -> None:
         """Show an event of the run; see :class:`anm_mj.events.Observer`."""
@@ -57,9 +62,12 @@ class ProgressLine:
             self._started = event
         elif isinstance(event, Stepped):
             self._step(event)
-        elif isinstance(event, Ended) and self._live is not None:
-            text = f"step {event.num_steps}, the last · finishing the map, its mesh and the metrics"
-            self._live.update(Text(text))
+        elif isinstance(event, Ended):
+            self._ended = event
+            if self._live is not None:
+                self._live.update(
+                    Text(f"step {event.num_steps}, the last · finishing the map, its mesh and the metrics")
+                )
 
     def survey(self, done: int, total: int) -> None:
         """Show how far the search for the observable surface is."""
@@ -70,18 +78,13 @@ class ProgressLine:
 
     def _step(self, report: Stepped) -> None:
         assert self._started is not None, "the start comes first"
-        num_steps, row = self._started.num_steps, self._started.completed()
+        num_steps = self._started.num_steps
         if report.update.num_iterations:  # Not every step trains.
             self._loss = report.update.loss
         self._begun = self._begun or (report.step, time.monotonic())
-        if self._live is None and report.step % PLAIN_EVERY and report.step != num_steps:
+        if self._live is None and (report.step % PLAIN_EVERY or report.step == num_steps):
             return
-        parts = [
-            f"step {report.step} of {num_steps}",
-            "{:.1f} % of {}".format(*headline(row)) if row is not None else "",
-            f"{report.step / max(report.loop_s, 1e-9):.1f} steps/s",
-            self._left(report.step, num_steps),
-        ]
+        parts = [*self._so_far(report.step, report.loop_s), self._left(report.step, num_steps)]
         if self._details:
             target = report.plan.target_xy_m
             parts += [
@@ -94,6 +97,15 @@ class ProgressLine:
             self._console.print(line, highlight=False, soft_wrap=True)
         else:
             self._live.update(Text(line, no_wrap=True, overflow="ellipsis"))
+
+    def _so_far(self, step: int, loop_s: float) -> list[str]:
+        """Step, completion with the step that it is of, and rate."""
+        assert self._started is not None, "the start comes first"
+        row = self._started.completed()
+        completed = "" if row is None else "{:.1f} % of {}".format(*headline(row))
+        if row is not None and row.step < step:
+            completed += f" at step {row.step}"
+        return [f"step {step} of {self._started.num_steps}", completed, f"{step / max(loop_s, 1e-9):.1f} steps/s"]
 
     def _left(self, step: int, num_steps: int) -> str:
         """Time left, at the rate since the first report, evaluation included; empty where nothing is known or left."""

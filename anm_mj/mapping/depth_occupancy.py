@@ -149,6 +149,7 @@ class DepthOccupancy:
             # Space that was looked through is known, however far away the next surface lies. The sky above is not kept.
             low[:2], high[:2] = np.minimum(low, box[0])[:2], np.maximum(high, box[1])[:2]
         self._grow(low, high)
+        self._moved.expire(self.voxels, self._num_frames)
         heavy = self._moved.heavy(self.voxels, self._num_frames)
         if moved_m is not None:
             places, _ = self._kernels.hits(view._replace(depth_m=moved_m), phase, stride)
@@ -157,6 +158,8 @@ class DepthOccupancy:
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
         self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
+        if heavy.size:
+            self._kernels.free_left(self.voxels, heavy, self._moved.heights, self._num_frames)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
 
     def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
@@ -172,7 +175,7 @@ class DepthOccupancy:
         if not self.voxels.state.size:
             return None
         view = self._view(observation.depth_m, observation.intrinsics, observation.T_world_camera)
-        doubt = depth_doubt(self.noise.value, observation, self.config.carve_range_m)
+        doubt = depth_doubt(self.noise.value, observation)
         moved = self._kernels.moved(self.voxels, view, doubt, self._moved.config.free_looks)
         return moved if moved.any() else None
 

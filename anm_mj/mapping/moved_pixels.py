@@ -25,7 +25,9 @@ from anm_mj.types import FREE, OCCUPIED, Observation
 NOISE_REACH = 4.0
 """Depth may be too short by so many standard deviations."""
 _HELD_M = 0.1, 1.5
-"""Heights up to which what is held is an obstacle [m]."""
+"""Heights between which what is held is an obstacle [m]."""
+_THING_M = 0.1, 2.2
+"""Heights between which things are that move [m]."""
 
 
 class MovedVoxels:
@@ -37,16 +39,20 @@ class MovedVoxels:
         """Frame in which something moved in a column of blocks, by its x and y in blocks of the world."""
         self._newest: Int64[np.ndarray, "n 3"] = np.zeros((0, 3), np.int64)
         """Where something moved in the last frame that showed any, by x, y and z index."""
-        self._held: Int64[np.ndarray, "m 3"] = self._newest
+        self._seen = np.zeros(0, np.int64), np.zeros(0, np.int64)
+        """Voxels in which something moved lately, as single numbers in ascending order, and when last."""
+        self._held: list[tuple[int, int, Float[np.ndarray, "n 3"], Int64[np.ndarray, "m 3"]]] = []
+        """What is held: until which frame, for how many, around which discs, and the voxels."""
+        low, high = (round(height / occupancy.voxel_m) for height in _THING_M)
+        self.heights = low, high
+        """Lowest z index of what moves, and the one after the highest."""
 
     def take(self, voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int) -> None:
         """Note that something moved in voxels, given by x, y and z index; what stays there becomes surface."""
         self._newest = _distinct(places)
         columns = _distinct(self._newest[:, :2] // BLOCK).tolist()
-        new = [column for column in columns if tuple(column) not in self._last]
         self._last |= {(x, y): frame for x, y in columns}
-        if new:
-            self._begin(voxels, np.array(new))
+        self._begin(voxels, frame)
         _, cells = voxels.cells_of(self._newest)
         raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + self.config.stay, self._occupancy.limit)
         # What nobody has looked through holds no evidence to be outweighed.
@@ -59,19 +65,26 @@ class MovedVoxels:
         voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
         voxels.column_version[row // BLOCK, col // BLOCK] = frame
 
-    def _begin(self, voxels: VoxelArrays, columns: Int64[np.ndarray, "n 2"]) -> None:
-        """Something comes into columns of blocks: what is surely free there is so however often it was looked at.
+    def _begin(self, voxels: VoxelArrays, frame: int) -> None:
+        """Where something comes, what was looked through is surely free, however often it was looked at.
 
         Else what stays would become surface the sooner, the less often the place was seen before.
         """
-        keys = self._newest[:, 0] // BLOCK, self._newest[:, 1] // BLOCK
-        fresh = (keys[0][:, None] == columns[:, 0]) & (keys[1][:, None] == columns[:, 1])
-        _, cells = voxels.cells_of(self._newest[fresh.any(axis=1)])
-        free = voxels.log_odds[cells] <= -self.config.free_looks * self._occupancy.miss
+        keys, (known, last) = _keys(self._newest), self._seen
+        fresh = ~np.isin(keys, known, assume_unique=True)
+        _, cells = voxels.cells_of(self._newest[fresh])
+        free = voxels.log_odds[cells] < 0
         voxels.log_odds[tuple(axis[free] for axis in cells)] = -self._occupancy.limit
+        kept = (last >= frame - self.config.memory_frames) & ~np.isin(known, keys, assume_unique=True)
+        known = np.concatenate((known[kept], keys))
+        last = np.concatenate((last[kept], np.full(len(keys), frame)))
+        self._seen = known, last
 
     def hold(self, voxels: VoxelArrays, discs: Float[np.ndarray, "n 3"], frame: int) -> None:
-        """Take what moved last for an obstacle, and discs about x and y with a radius [m]; looking through frees it."""
+        """Take what moved last for an obstacle, and discs about x and y with a radius [m].
+
+        Looking through frees it, or time: what is held again about the same place is held for twice as long.
+        """
         edge = self._occupancy.voxel_m
         low, high = (round(height / edge) for height in _HELD_M)
         held = [self._newest]
@@ -79,14 +92,27 @@ class MovedVoxels:
             reach = math.ceil(radius)
             column = np.mgrid[-reach : reach + 1, -reach : reach + 1, low : high + 1].reshape(3, -1).T
             held.append((column + np.rint([x, y, 0.0]).astype(np.int64))[np.hypot(*column[:, :2].T) <= radius])
-        self._held = _distinct(np.concatenate((self._held, *held)))
-        self._set(voxels, self._held, frame, FREE, OCCUPIED)
+        places = _distinct(np.concatenate(held))
+        before = [frames for _, frames, old, _ in self._held if _meet(old, discs)]
+        frames = 2 * max(before) if before else self.config.held_frames
+        self._held.append((frame + frames, frames, discs, places))
+        self._set(voxels, places, frame, FREE, OCCUPIED)
+
+    def expire(self, voxels: VoxelArrays, frame: int) -> None:
+        """Take for free space again what was held for long enough."""
+        over = [held[3] for held in self._held if held[0] == frame]
+        if over:
+            still = [_keys(held[3]) for held in self._held if held[0] > frame]
+            places = np.concatenate(over)
+            self._set(voxels, places[~np.isin(_keys(places), np.concatenate([*still, []]))], frame, OCCUPIED, FREE)
+        # How long it was held is remembered for as long again.
+        self._held = [held for held in self._held if held[0] + held[1] > frame]
 
     def release(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take what was held for an obstacle for free space; whether any was left."""
-        found = self._set(voxels, self._held, frame, OCCUPIED, FREE)
-        self._held = self._held[:0]
-        return found
+        found = [self._set(voxels, held[3], frame, OCCUPIED, FREE) for held in self._held]
+        self._held = []
+        return any(found)
 
     @staticmethod
     def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:
@@ -112,6 +138,17 @@ class MovedVoxels:
         return found
 
 
+def _keys(places: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
+    """A number for each voxel; those of a grid have different ones, wherever it lies."""
+    return (places[:, 0] << 42) + (places[:, 1] << 21) + places[:, 2]
+
+
+def _meet(places: Float[np.ndarray, "n 3"], others: Float[np.ndarray, "m 3"]) -> bool:
+    """Whether a disc of some, by x, y and radius, overlaps one of others."""
+    apart = np.linalg.norm(places[:, None, :2] - others[None, :, :2], axis=2)
+    return bool((apart < places[:, None, 2] + others[None, :, 2]).any())
+
+
 def _distinct(indices: Int64[np.ndarray, "n d"]) -> Int64[np.ndarray, "m d"]:
     """Each row once; a sort of single numbers takes a fraction of one of rows."""
     low = indices.min(axis=0, initial=0)
@@ -120,14 +157,13 @@ def _distinct(indices: Int64[np.ndarray, "n d"]) -> Int64[np.ndarray, "m d"]:
     return np.stack(np.unravel_index(keys, tuple(shape.tolist())), axis=1) + low
 
 
-def depth_doubt(noise_per_m: float, observation: Observation, range_m: float) -> tuple[float, float]:
-    """By how much a measured depth may be too short: a factor of its square [1/m], and a length [m].
+def depth_doubt(noise_per_m: float, observation: Observation) -> tuple[float, float, float]:
+    """By how much a measured depth may be too short: a factor of its square [1/m], a length [m], and a factor of it.
 
-    Args:
-        noise_per_m: the sensor's, as :mod:`anm_mj.mapping.depth_noise` has it; infinite where nobody knows.
-        observation: says how sure the pose is.
-        range_m: depth at which its rotation counts [m].
+    The first is the noise of the sensor, as :mod:`anm_mj.mapping.depth_noise` has it, infinite where nobody knows; the
+    others are errors of the pose, of its position and its rotation.
     """
     noise = 0.0 if noise_per_m < EXACT_PER_M or not math.isfinite(noise_per_m) else noise_per_m
-    pose_m = math.hypot(observation.position_deviation_m, observation.heading_deviation_rad * range_m)
-    return NOISE_REACH * noise, NOISE_REACH * pose_m
+    deviations = noise, observation.position_deviation_m, observation.heading_deviation_rad
+    noise, position_m, rotation = (NOISE_REACH * deviation for deviation in deviations)
+    return noise, position_m, rotation

@@ -159,11 +159,26 @@ class OccupancyKernels:
             config.hit,
         )
 
+    def free_left(
+        self, voxels: VoxelArrays, heavy: UInt8[np.ndarray, "_ _"], heights: tuple[int, int], frame: int
+    ) -> None:
+        """Free what is left of things that have gone (``native/moved_pixels.h``), in what a frame has carved.
+
+        Args:
+            voxels: the grid.
+            heavy: columns of blocks to look at.
+            heights: lowest z index, and the one after the highest.
+            frame: number of the frame.
+        """
+        low, high = (height - int(voxels.corner[2]) for height in heights)
+        self._native.bind(*voxels)
+        self._native.free_left(heavy, low, high, self._config.miss, frame)
+
     def moved(
         self,
         voxels: VoxelArrays,
         view: CameraView,
-        doubt: tuple[float, float],
+        doubt: tuple[float, float, float],
         free_looks: int,
     ) -> Bool[np.ndarray, "h w"]:
         """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`).
@@ -171,7 +186,7 @@ class OccupancyKernels:
         Args:
             voxels: the grid.
             view: the image.
-            doubt: by how much depth may be too short: a factor of its square [1/m], and a length [m].
+            doubt: by how much depth may be too short: see :func:`anm_mj.mapping.moved_pixels.depth_doubt`.
             free_looks: so many frames more looked through surely free voxels than hit them.
         """
         config = self._config

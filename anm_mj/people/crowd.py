@@ -23,8 +23,8 @@ from anm_mj.people.walking_floor import BODY, WalkingFloor
 PERIOD_S = 0.1
 """People move in periods of this length [s]."""
 _RELAXATION_S = 0.5
-_PUSH_MPS2, _PUSH_M = 7.0, 0.3
-"""Strength and reach of the force between people: the potential of Helbing and Molnar."""
+_PUSH_MPS2, _PUSH_M = 25.0, 0.08
+"""Strength and reach of the force between people: 2000 N on 80 kg (Helbing, Farkas and Vicsek)."""
 _WALL_MPS2, _WALL_M = 10.0, 0.08
 _BEHIND = 0.2
 """Share of a force that comes from straight behind."""
@@ -32,8 +32,10 @@ _ASIDE_RAD = math.radians(20.0)
 """People give way to their right: a force from straight ahead would only stop both."""
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _FASTEST_SHARE = 1.3
-_STUCK_S = 5.0
-"""Who gets nowhere for so long chooses another place."""
+_STUCK_S, _YIELD_S, _JAM_M = 5.0, 1.5, 1.0
+"""Who gets nowhere for so long chooses another place, and sooner where one before it in the list is so near: two who
+meet in a doorway would wait for each other."""
+_YIELD_TRIES = 10
 _NEAREST_GOAL_M = 2.0
 _ROBOT_START_M, _APART_M = 1.5, 0.8
 """Nobody starts nearer than this to the robot, and to another one."""
@@ -197,7 +199,7 @@ class Crowd:
                 here = self.xy_m[one]
                 self._path[one] = here[None].copy() if near else self.floor.path(here, robot_xy_m)
             self._progress_s[one] = time_s
-        elif self._stands(one, x, y, time_s):
+        elif self._stands(one, x, y, time_s, robot_xy_m):
             return x, y, 0.0
         path = self._path[one]
         if len(path) == 1:
@@ -209,24 +211,34 @@ class Crowd:
         ahead = min(round(_AHEAD_M / 0.1), len(path) - 1)
         return float(path[ahead, 0]), float(path[ahead, 1]), float(self._speed_mps[one])
 
-    def _stands(self, one: int, x: float, y: float, time_s: float) -> bool:
+    def _stands(self, one: int, x: float, y: float, time_s: float, robot_xy_m: Float[np.ndarray, "2"]) -> bool:
         """Whether a person stands; one who has come to where it went, or gets nowhere, is given another place."""
         if time_s < self._stand_until_s[one]:
             return True
         there = math.dist((x, y), self._path[one][-1]) < _ARRIVED_M
-        wants = there or bool(time_s - self._progress_s[one] > _STUCK_S)
-        return wants and not self._next_goal(one, time_s)
+        yields = (np.linalg.norm(self.xy_m[:one] - self.xy_m[one], axis=1) < _JAM_M).any()
+        stuck = bool(time_s - self._progress_s[one] > (_YIELD_S if yields else _STUCK_S))
+        return (there or stuck) and not self._next_goal(one, time_s, stuck, robot_xy_m)
 
-    def _next_goal(self, one: int, time_s: float) -> bool:
-        """Choose the next place and the time to stand before; whether the person walks already."""
+    def _next_goal(self, one: int, time_s: float, stuck: bool, robot_xy_m: Float[np.ndarray, "2"]) -> bool:
+        """Choose the next place and the time to stand before; whether the person walks already.
+
+        Who is stuck turns away from the nearest body.
+        """
         self._num_goals[one] += 1
         random = np.random.default_rng([self._seed, 84, one, int(self._num_goals[one])])
         places, here = self.floor.places_m, self.xy_m[one]
-        stuck = bool(time_s - self._progress_s[one] > _STUCK_S)
-        goal, tries = here, 0
-        while math.dist(goal, here) < _NEAREST_GOAL_M and tries < _TRIES:
-            goal, tries = places[random.integers(len(places))], tries + 1
-        self._path[one] = self.floor.path(here, goal)
+        others = np.vstack([np.delete(self.xy_m, one, axis=0), robot_xy_m])
+        away = here - others[np.linalg.norm(others - here, axis=1).argmin()]
+        path = here[None]
+        for _ in range(_YIELD_TRIES):
+            goal, tries = here, 0
+            while math.dist(goal, here) < _NEAREST_GOAL_M and tries < _TRIES:
+                goal, tries = places[random.integers(len(places))], tries + 1
+            path = self.floor.path(here, goal)
+            if not stuck or (path[min(round(_AHEAD_M / 0.1), len(path) - 1)] - here) @ away > 0.0:
+                break
+        self._path[one] = path
         self._progress_s[one] = time_s
         if not stuck:
             self._stand_until_s[one] = time_s + random.uniform(0.0, max(self.config.longest_stand_s, 1e-9))

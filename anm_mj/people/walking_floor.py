@@ -23,6 +23,8 @@ _PLACE_CLEARANCE_M = 0.4
 """Places that people walk to are so far from obstacles, where the floor has such [m]."""
 _DOORWAY_M = 0.6
 """A doorway is narrower than twice this [m]."""
+_IN_DOORWAY_M = 0.7
+"""So near to the middle of one, somebody stands in it [m]."""
 
 
 class WalkingFloor:
@@ -47,9 +49,12 @@ class WalkingFloor:
         crowding = np.clip((BODY.radius_m + _COMFORT_M - routes.clearance_m) / _COMFORT_M, 0.0, 1.0)
         self._routes = routes
         self._cost = np.where(routes.component == 1, 1.0 + 2.0 * crowding, -1.0)
+        self._doorways_m = self._find_doorways()
         places = routes.grid.centres_m(*np.nonzero(self._roomy(routes)))
+        apart_m = np.linalg.norm(places[:, None] - self._doorways_m, axis=2).min(axis=1, initial=math.inf)
+        places = places[apart_m > _IN_DOORWAY_M] if (apart_m > _IN_DOORWAY_M).any() else places
         self.places_m: Float[np.ndarray, "n 2"] = places if len(places) else routes.places(1)
-        """Places to walk to [m]."""
+        """Places to walk to, and to stand at: not in doorways, where there are others [m]."""
 
     @staticmethod
     def _slope_of(area: NavigableArea) -> Float32[np.ndarray, "2 rows cols"]:
@@ -87,15 +92,20 @@ class WalkingFloor:
         Raises:
             SceneError: the floor has none.
         """
+        xy = self._doorways_m
+        if not len(xy):
+            raise SceneError("The floor has no doorway for somebody to stand in: set people.blocked_s=0.")
+        away_m = np.linalg.norm(xy - near_m, axis=1)
+        return xy[np.argmin(np.where(away_m < 1.0, np.inf, away_m))]
+
+    def _find_doorways(self) -> Float[np.ndarray, "n 2"]:
+        """The middles of all, and cells beside them [m]."""
         clearance, grid = self._routes.clearance_m, self._routes.grid
         rows, cols = np.nonzero((self._routes.component == 1) & (clearance < _DOORWAY_M))
         reach = round(1.0 / grid.resolution_m)
-        narrow = np.array([self._is_doorway(clearance, int(r), int(c), reach) for r, c in zip(rows, cols, strict=True)])
-        if not narrow.any():
-            raise SceneError("The floor has no doorway for somebody to stand in: set people.blocked_s=0.")
-        xy = grid.centres_m(rows[narrow], cols[narrow])
-        away_m = np.linalg.norm(xy - near_m, axis=1)
-        return xy[np.argmin(np.where(away_m < 1.0, np.inf, away_m))]
+        cells = zip(rows.tolist(), cols.tolist(), strict=True)
+        narrow = np.array([cell for cell in cells if self._is_doorway(clearance, *cell, reach)], int)
+        return grid.centres_m(*narrow.reshape(-1, 2).T)
 
     @staticmethod
     def _is_doorway(clearance: Float32[np.ndarray, "rows cols"], row: int, col: int, reach: int) -> bool:

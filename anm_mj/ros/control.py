@@ -47,6 +47,8 @@ class Control:
             self._run.set()
         self.is_over = False
         """Whether the run was stopped."""
+        self.last = ""
+        """The last command, and what it does."""
         self._save = self._home = False
         self._folder: Path | None = None
         node.subscribe(TOPIC, "std_msgs/msg/String", lambda message, _: self._obey(message.data), STATE)
@@ -90,6 +92,8 @@ class Control:
             self._home = True
             self._run.set()
         _logger.info("%s: %s.", TOPIC, command)
-        return True, {"start": "goes on", "pause": "pauses after this step", "stop": "ends after this step"}.get(
+        does = {"start": "goes on", "pause": "pauses after this step", "stop": "ends after this step"}.get(
             command, "done after this step"
         )
+        self.last = f"{command}: {does}"
+        return True, does

@@ -108,6 +108,7 @@ def _parts(
         publisher = MapPublisher(to)
         to.poses.on_pose = publisher.tell
         control = Control(to.node, mapper, policy, state, waits=waits)
+        publisher.command = lambda: control.last
         to.robot.is_over = lambda: asked() or control.is_over
         followers.those += [publisher, control]
         if to.navigation is not None:

@@ -10,6 +10,8 @@ _JUMP_S = 1.0
 """A clock that goes back, or ahead by more than this between two messages, has jumped [s]."""
 _HOLD_S = 0.5
 """A fault that comes with a message holds for so long [s]; a later one prolongs it."""
+_REPEATS = 0.5
+"""A stamp that is said again after this part of the timeout tells what silence tells after all of it."""
 
 
 class Health:
@@ -21,6 +23,8 @@ class Health:
         self._lock = threading.Lock()
         self._heard: dict[str, tuple[float, float]] = {}
         """By what must go on: when it was heard last, by this clock and by its stamp [s]."""
+        self._again: dict[str, float] = {}
+        """By what must go on: how long its present stamp has been said again and again [s]."""
         self._faults: dict[str, tuple[str, float]] = {}
         """By topic: the sentence, and until when it holds [s]."""
 
@@ -35,8 +39,10 @@ class Health:
         with self._lock:
             before = self._heard.get(source)
             if before is not None and stamp_s == before[1]:
-                return  # What is only said again is as old as it was.
-            self._heard[source] = now, stamp_s
+                # What is only said again is as old as it was.
+                self._again[source] = now - before[0]
+                return
+            self._heard[source], self._again[source] = (now, stamp_s), 0.0
         if before is not None and before[1] and not -1e-6 <= stamp_s - before[1] <= _JUMP_S + now - before[0]:
             self.fault(source, f"the clock of {source} jumped by {stamp_s - before[1]:+.2f} s")
 
@@ -55,4 +61,6 @@ class Health:
             for source, (last, _) in self._heard.items():
                 if now - last > self._timeout_s:
                     return f"nothing was heard of {source} for {self._timeout_s:g} s"
+                if self._again.get(source, 0.0) > _REPEATS * self._timeout_s:
+                    return f"{source} says the same again and again"
         return None

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj.control.action_motion import action_motion
 from anm_mj.errors import RobotError
-from anm_mj.frames import back_project, pose_matrix, wrap_angle
+from anm_mj.frames import back_project, move_pose, pose_matrix, relative_pose, wrap_angle
 from anm_mj.ros.commander import PERIOD_S, STILL, Commander
 from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.ros.goal_driver import GoalDriver
@@ -34,11 +34,17 @@ from anm_mj.types import (
 _NO_WHEELS = WheelSpeeds(0.0, 0.0)
 _LATE_S = 0.06
 """The robot drives so long after the velocity that was commanded last [s]."""
-_ARRIVED_M, _ARRIVED_RAD = 0.002, 0.005
 _CREEP_MPS, _CREEP_RADPS = 0.02, 0.08
 """The slowest that a robot is driven."""
-_STRAIGHTEN = 1.5
-"""Turn rate per heading error on the way [1/s]."""
+_COAST = {Action.MOVE_FORWARD: 0.001, Action.TURN_LEFT: 0.003, Action.TURN_RIGHT: 0.003}
+"""How far a robot is taken to move on after it is told to stop, at first [m, rad]."""
+_LEARN = 0.3
+"""The share of an action's error by which that is corrected, so that errors have the mean 0."""
+_STRAIGHTEN, _AHEAD_M = 3.0, 0.3
+"""Turn rate per heading error on the way [1/s]; the robot heads for a point so far ahead on its line."""
+_SIDE = {Action.TURN_LEFT: 1.0, Action.TURN_RIGHT: -1.0}
+_STRAY_M, _STRAY_RAD = 0.03, math.radians(4.0)
+"""A robot that rests farther from where its last action was to end begins the next one where it is."""
 _MOVED_M, _MOVED_RAD = 0.001, 0.003
 """Less in ``stall_s`` is no motion."""
 _REST_M, _REST_RAD, _REST_POSES = 5e-4, 1e-3, 3
@@ -49,6 +55,7 @@ _BELOW_M, _BELOW_SHARE = 0.15, 0.2
 """More of the first image so far below the floor contradicts the frames or the depth."""
 _DRY_S = 1.0
 """A run that only shows looks again after this time [s]."""
+_OF_THE_MOMENT = ("_rest_s", "_last", "_way", "_aim", "_coast")
 
 _logger = logging.getLogger(__name__)
 
@@ -56,7 +63,7 @@ _logger = logging.getLogger(__name__)
 class LiveRobot:
     """A robot over the wire. It drives only while images, poses and clock are as they should be."""
 
-    REBUILT = ("_intake", "_poses", "_commander", "_health", "_config", "is_over", "goals", "_rest_s", "_last", "_way")
+    REBUILT = ("_intake", "_poses", "_commander", "_health", "_config", "is_over", "goals", *_OF_THE_MOMENT)
 
     def __init__(
         self, intake: RgbdIntake, poses: Poses, commander: Commander, health: Health, config: DriveConfig
@@ -72,6 +79,9 @@ class LiveRobot:
         """Drives the robot in place of velocities."""
         self._rest_s = -math.inf
         self._last = Pose2(0.0, 0.0, 0.0)
+        self._aim: Pose2 | None = None
+        """Where the last action was to end, by the odometry: errors of actions do not add up. None = where it did."""
+        self._coast = dict(_COAST)
         self._way: tuple[float, float] = (-math.inf, math.inf)
         """When the way ahead was seen last, and how far it is free then [s, m]."""
         commander.way_m, commander.stamp_s = (lambda: self._way[1]), (lambda: poses.latest_s)
@@ -106,20 +116,23 @@ class LiveRobot:
         """Execute one action to its end, by the poses of the odometry; an obstacle ahead or a stall ends it."""
         if action is Action.STOP:
             return ActionResult(action, False, _NO_WHEELS, 0.0)
-        start = self._pose()
-        if self._config.dry:
-            time.sleep(_DRY_S)
-            collided = False
-        elif self.goals is not None:
+        start, arrived = self._pose(), True
+        if self.goals is not None:
             # It drives on while the run looks and decides.
             collided, self._rest_s = self.goals.act(action, self.is_over), self._poses.latest_s
             self.step += 1
             return ActionResult(action, collided, _NO_WHEELS, math.dist(start.xy_m, self._pose().xy_m))
-        else:
-            collided = self._drive_until(start, *action_motion(action))
+        if self._config.dry:
+            time.sleep(_DRY_S)
+        elif action is not Action.WAIT:
+            begin = self._aim if self._aim is not None and _is_near(self._aim, start) else start
+            aim = move_pose(begin, *action_motion(action))
+            arrived = self._drive_to(aim, start, action)
+            self._aim = aim if arrived else None
         self.step += 1
         end = self._come_to_rest()
-        return ActionResult(action, collided, _NO_WHEELS, math.dist(start.xy_m, end.xy_m))
+        self._learn(action, end)
+        return ActionResult(action, not arrived and not self.is_over(), _NO_WHEELS, math.dist(start.xy_m, end.xy_m))
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Drive at a velocity for a time [s], and stop."""
@@ -127,7 +140,7 @@ class LiveRobot:
         while time.monotonic() - begin < duration_s and not self._commander.is_blocked:
             self._commander.drive(twist)
             time.sleep(PERIOD_S)
-        collided, end = self._commander.is_blocked, self._come_to_rest()
+        collided, end, self._aim = self._commander.is_blocked, self._come_to_rest(), None
         turned = abs(wrap_angle(end.yaw_rad - start.yaw_rad))
         took_s = time.monotonic() - begin
         return MotionResult(collided, _NO_WHEELS, math.dist(start.xy_m, end.xy_m), turned, took_s)
@@ -138,40 +151,43 @@ class LiveRobot:
             self.goals.stop()
         self._commander.close()
 
-    def _drive_until(self, start: Pose2, forward_m: float, turn_rad: float) -> bool:
-        """Drive by feedback; whether something was in the way."""
-        limits, pose, turned = self._config.ros, start, 0.0
-        moved_at, since = (0.0, 0.0), time.monotonic()
+    def _drive_to(self, aim: Pose2, start: Pose2, action: Action) -> bool:
+        """Drive by feedback until the robot is to stop; False where something is in the way."""
+        limits, forward = self._config.ros, action is Action.MOVE_FORWARD
+        moved_at, since = start, time.monotonic()
         speed = rate = 0.0
         while not self.is_over():
-            new = self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
-            if new is None or self._health.present() is not None:
+            pose = self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
+            if pose is None or self._health.present() is not None:
                 # The commander has stopped the robot; it goes on from wherever it stands.
                 since = time.monotonic()
                 continue
-            turned += wrap_angle(new.yaw_rad - pose.yaw_rad)
-            pose = new
-            c, s = math.cos(start.yaw_rad), math.sin(start.yaw_rad)
-            gone = c * (pose.x_m - start.x_m) + s * (pose.y_m - start.y_m)
-            left_m, left_rad = forward_m - gone, turn_rad - turned
-            if (left_m < _ARRIVED_M) if forward_m else (math.copysign(left_rad, left_rad * turn_rad) < _ARRIVED_RAD):
-                return False
-            if self._commander.is_blocked:
+            left = _left(aim, pose, action)
+            if left < self._coast[action]:
                 return True
-            if abs(gone - moved_at[0]) > _MOVED_M or abs(turned - moved_at[1]) > _MOVED_RAD:
-                moved_at, since = (gone, turned), time.monotonic()
+            if self._commander.is_blocked:
+                return False
+            turned = abs(wrap_angle(pose.yaw_rad - moved_at.yaw_rad))
+            if math.dist(pose.xy_m, moved_at.xy_m) > _MOVED_M or turned > _MOVED_RAD:
+                moved_at, since = pose, time.monotonic()
             elif time.monotonic() - since > limits.stall_s:
                 _logger.warning("The robot did not move for %g s although it was driven.", limits.stall_s)
-                return True
-            if forward_m:
-                speed = _profile(left_m - speed * _LATE_S, limits.forward_mps2, _CREEP_MPS, limits.forward_mps)
-                rate = -_STRAIGHTEN * turned
+                return False
+            if forward:
+                speed = _profile(left - speed * _LATE_S, limits.forward_mps2, _CREEP_MPS, limits.forward_mps)
+                aside_m = relative_pose(aim, pose).y_m
+                rate = -_STRAIGHTEN * (wrap_angle(pose.yaw_rad - aim.yaw_rad) + aside_m / _AHEAD_M)
             else:
-                ahead_rad = abs(left_rad) - abs(rate) * _LATE_S
-                rate = _profile(ahead_rad, limits.turn_radps2, _CREEP_RADPS, limits.turn_radps)
-                rate = math.copysign(rate, turn_rad)
-            self._commander.drive(Twist(speed, rate), max(left_m, 0.0))
+                ahead_rad = left - abs(rate) * _LATE_S
+                rate = _SIDE[action] * _profile(ahead_rad, limits.turn_radps2, _CREEP_RADPS, limits.turn_radps)
+            self._commander.drive(Twist(speed, rate), left if forward else math.inf)
         return False
+
+    def _learn(self, action: Action, end: Pose2) -> None:
+        """Let the next action of this kind end nearer to where it is to."""
+        if self._aim is not None and action is not Action.WAIT and _is_near(self._aim, end):
+            most = _LEARN * _COAST[action]
+            self._coast[action] -= float(np.clip(_LEARN * _left(self._aim, end, action), -most, most))
 
     def _come_to_rest(self) -> Pose2:
         """Stop, and wait until the robot stands."""
@@ -218,6 +234,17 @@ class LiveRobot:
             return
         heights = ros.low_m, ros.height_m
         self._way = time_s, free_way_m(depth_m, camera, T_base_camera, ros.radius_m, heights)
+
+
+def _is_near(aim: Pose2, pose: Pose2) -> bool:
+    return math.dist(aim.xy_m, pose.xy_m) < _STRAY_M and abs(wrap_angle(aim.yaw_rad - pose.yaw_rad)) < _STRAY_RAD
+
+
+def _left(aim: Pose2, pose: Pose2, action: Action) -> float:
+    """What an action has still to do, forward [m] or by its turn [rad]; negative beyond its end."""
+    if action is Action.MOVE_FORWARD:
+        return -relative_pose(aim, pose).x_m
+    return _SIDE[action] * wrap_angle(aim.yaw_rad - pose.yaw_rad)
 
 
 def _profile(left: float, acceleration: float, slowest: float, fastest: float) -> float:

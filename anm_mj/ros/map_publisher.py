@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,8 @@ class MapPublisher:
         self._T_map_odom = np.eye(4)
         self._step, self._state, self._told_s, self._said_s = 0, "waits", 0.0, 0.0
         self._now_s = 0.0
+        self.command: Callable[[], str] = lambda: ""
+        """The last command to the run, for diagnostics."""
 
     def on_event(self, event: object) -> None:
         """See :class:`anm_mj.events.Observer`."""
@@ -118,7 +121,7 @@ class MapPublisher:
         make, fault = self._node.messages, self._health.present()
         values = [
             make.make("diagnostic_msgs/msg/KeyValue", key=key, value=value)
-            for key, value in (("step", str(self._step)), ("plan", self._state))
+            for key, value in (("step", str(self._step)), ("plan", self._state), ("command", self.command()))
         ]
         status = make.make(
             "diagnostic_msgs/msg/DiagnosticStatus",

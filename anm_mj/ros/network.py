@@ -11,13 +11,20 @@ from anm_mj.errors import ConfigError
 
 MOST_DOMAINS = 232
 """Domains with a higher number have no ports [DDSI-RTPS 9.6.1.1]."""
-_LOCALHOST = """
+_CONFIG = """
 <CycloneDDS><Domain>
+  {reach}
+  <Internal><SocketReceiveBufferSize min="default" max="16MB"/>
+    <Watermarks><WhcHigh>32MB</WhcHigh></Watermarks></Internal>
+</Domain></CycloneDDS>
+"""
+"""Buffers have room for a colour and a depth image at once: by default publishers wait for subscribers at half a
+megabyte, and what a receiver that is kept waiting has no room for is lost. The system may give less."""
+_LOCALHOST = """
   <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
     <AllowMulticast>false</AllowMulticast></General>
   <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
     <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
-</Domain></CycloneDDS>
 """
 
 
@@ -34,7 +41,7 @@ def domain_id(environment: Mapping[str, str] = os.environ) -> int:
 
 
 def network_config(environment: Mapping[str, str] = os.environ) -> str | None:
-    """The configuration of Cyclone DDS that the environment asks for; None = its own, or that of ``CYCLONEDDS_URI``.
+    """The configuration of Cyclone DDS that the environment asks for; None = that of ``CYCLONEDDS_URI``.
 
     Raises:
         ConfigError: ``ROS_AUTOMATIC_DISCOVERY_RANGE`` has a value that is not known.
@@ -46,7 +53,7 @@ def network_config(environment: Mapping[str, str] = os.environ) -> str | None:
             "peers in a file of CYCLONEDDS_URI."
         )
     local = environment.get("ROS_LOCALHOST_ONLY", "0") == "1" or reach == "LOCALHOST"
-    return _LOCALHOST if local and not environment.get("CYCLONEDDS_URI") else None
+    return None if environment.get("CYCLONEDDS_URI") else _CONFIG.format(reach=_LOCALHOST if local else "")
 
 
 @functools.cache

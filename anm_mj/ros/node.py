@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import re
 import threading
@@ -32,6 +33,8 @@ _NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
 
 Heard = Callable[[Any, int], object]
 """Called with a message, and a number that stands for its publisher."""
+Parse = Callable[[bytes], Any]
+"""Makes a message of what was received."""
 
 _logger = logging.getLogger(__name__)
 
@@ -56,7 +59,7 @@ class Delivery(NamedTuple):
         )
 
 
-SENSOR = Delivery(reliable=False, depth=5)
+SENSOR = Delivery(reliable=False, depth=20)
 """Subscriptions to what comes often: publishers of both kinds match."""
 STATE = Delivery(reliable=True)
 LATCHED = Delivery(reliable=True, latched=True, depth=1)
@@ -118,7 +121,7 @@ class Node:
             ) from err
         self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._topics: dict[tuple[str, str], Any] = {}
-        self._readers: list[tuple[Any, str, str, Heard, int | None]] = []
+        self._readers: list[tuple[Any, str, Parse, Heard]] = []
         self._waitset, self._lock = WaitSet(self._participant), threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
@@ -156,9 +159,13 @@ class Node:
         writer = DataWriter(self._participant, self._topic(dds_name, kind), STATE.policies())
         return Publisher(writer, self.messages, dds_name[2:])
 
-    def raw_subscribe(self, dds_name: str, kind: str, heard: Heard, most_bytes: int | None = None) -> None:
-        """Hear a topic of DDS that is none of ROS 2; of longer messages, the beginning."""
-        self._read(dds_name, dds_name[2:], kind, heard, STATE, most_bytes)
+    def raw_subscribe(self, dds_name: str, kind: str, heard: Heard, parse: Parse | None = None) -> None:
+        """Hear a topic of DDS that is none of ROS 2; ``parse`` takes what is not all of its type."""
+        self._read(dds_name, dds_name[2:], kind, heard, STATE, parse)
+
+    def parse(self, kind: str, cdr: bytes) -> Any:
+        """The message of a type that was serialised."""
+        return self.messages.store.deserialize_cdr(cdr, kind)
 
     def published(self) -> dict[str, str]:
         """The topics that anybody publishes, by name, with their types such as ``sensor_msgs/msg/Image``."""
@@ -187,29 +194,29 @@ class Node:
         return self._topics[name, kind]
 
     def _read(
-        self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery, most_bytes: int | None = None
+        self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery, parse: Parse | None = None
     ) -> None:
         reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
         condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         with self._lock:
             self._waitset.attach(condition)
-            self._readers.append((reader, name, kind, heard, most_bytes))
+            self._readers.append((reader, name, parse or functools.partial(self.parse, kind), heard))
 
     def _spin(self) -> None:
         while not self._closing.is_set():
             self._waitset.wait(duration(seconds=_POLL_S))
             with self._lock:
                 readers = list(self._readers)
-            for reader, name, kind, heard, most_bytes in readers:
+            for reader, name, parse, heard in readers:
                 taken = ddspy_take(reader._ref, _ANY, 100)
                 for data, about in taken if isinstance(taken, list) else ():
                     if about.valid_data:
-                        self._hear(data[:most_bytes], about.publication_handle, name, kind, heard)
+                        self._hear(data, about.publication_handle, name, parse, heard)
 
-    def _hear(self, data: bytes, publisher: int, name: str, kind: str, heard: Heard) -> None:
+    def _hear(self, data: bytes, publisher: int, name: str, parse: Parse, heard: Heard) -> None:
         """Hand a message on; whatever anybody sends, the thread goes on."""
         try:
-            heard(self.messages.store.deserialize_cdr(data, kind), publisher)
+            heard(parse(data), publisher)
         except Exception as err:
             self._on_bad(name, f"{err}" if isinstance(err, ValueError) else f"{type(err).__name__}: {err}")
 

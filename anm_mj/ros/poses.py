@@ -43,6 +43,7 @@ class Poses:
         self.source = ""
         """What the poses come from, for messages."""
         self._root = ""
+        self._told_s = -math.inf
         self.on_pose: Callable[[], None] = lambda: None
         """Called after each message with poses."""
 
@@ -79,9 +80,11 @@ class Poses:
                 if sum(now - at < _SAME_TIME_S for at in there.values()) > 1:
                     self._health.fault(f"{parent} {child}", f"two programs publish {child} in {parent} on tf; stop one")
         if self.source == TREE and not static:
-            T = self._in_root(self.latest_s)
-            if T is not None:
-                self._health.hear(TREE, self.latest_s)
+            # Others, this program among them, publish frames of their own, at which the base is where it was.
+            latest_s = self.latest_s
+            if latest_s != self._told_s and self._in_root(latest_s) is not None:
+                self._told_s = latest_s
+                self._health.hear(TREE, latest_s)
             self.on_pose()
 
     @property

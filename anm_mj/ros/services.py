@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 import secrets
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,6 +13,11 @@ if TYPE_CHECKING:
 
 _CALLER = "uint64 client\nint64 number\n"
 """What precedes request and reply."""
+_CALLER_KIND = "anm_mj/msg/Caller"
+_CALLER_END = 20
+"""Bytes of a serialised message until then."""
+
+_logger = logging.getLogger(__name__)
 
 Answer = Callable[..., None]
 """Sends a reply; its fields are the arguments."""
@@ -59,8 +66,10 @@ class Client:
         self._requests: Publisher = node.raw_publisher(f"rq{node.name(service)}Request", self._request)
         self._client, self._number = secrets.randbits(63), 0
         self._waiting: dict[int, Callable[[Any], object]] = {}
-        most = None if kind.reply_bytes is None else 20 + kind.reply_bytes
-        node.raw_subscribe(f"rr{node.name(service)}Reply", reply, self._hear, most)
+        most = None if kind.reply_bytes is None else _CALLER_END + kind.reply_bytes
+        node.raw_subscribe(
+            f"rr{node.name(service)}Reply", reply, self._hear, lambda data: node.parse(reply, data[:most])
+        )
 
     @property
     def is_there(self) -> bool:
@@ -89,22 +98,43 @@ def serve(node: Node, service: str, kind: ServiceKind, called: Callable[[Any, An
         called: gets each request, and what sends the reply, at once or later.
     """
     request_kind, reply_kind = kind.register(node.messages.store)
-    replies = node.raw_publisher(f"rr{node.name(service)}Reply", reply_kind)
-
-    def heard(request: Any, _: int) -> None:
-        def answer(**fields: Any) -> None:
-            replies.publish(node.messages.make(reply_kind, client=request.client, number=request.number, **fields))
-
-        called(request, answer)
-
-    node.raw_subscribe(f"rq{node.name(service)}Request", request_kind, heard)
+    answers = _answers(node, service, reply_kind)
+    node.raw_subscribe(
+        f"rq{node.name(service)}Request", request_kind, lambda request, _: called(request, answers(request))
+    )
 
 
 def serve_trigger(node: Node, service: str, called: Callable[[], tuple[bool, str]]) -> None:
-    """Offer a service ``std_srvs/srv/Trigger``; ``called`` gives success and message of the reply."""
+    """Offer a service ``std_srvs/srv/Trigger``; ``called`` gives success and message of the reply.
 
-    def heard(_: Any, answer: Answer) -> None:
+    Callers whose ROS 2 does not run on Cyclone DDS are obeyed, and get no reply: their requests do not name them.
+    """
+    store, request_kind = node.messages.store, f"{TRIGGER.name}_Request"
+    # Cyclone DDS keeps back what is shorter than its type.
+    register_type(store, request_kind, TRIGGER.request)
+    register_type(store, _CALLER_KIND, _CALLER)
+    register_type(store, f"{TRIGGER.name}_Response", _CALLER + TRIGGER.reply)
+    answers = _answers(node, service, f"{TRIGGER.name}_Response")
+
+    def heard(caller: Any, _: int) -> None:
         success, message = called()
-        answer(success=success, message=message)
+        if caller is not None:
+            answers(caller)(success=success, message=message)
+        else:
+            _logger.warning("%s: its caller's ROS 2 does not run on Cyclone DDS and gets no reply.", node.name(service))
 
-    serve(node, service, TRIGGER, heard)
+    def parse(data: bytes) -> Any:
+        return None if len(data) <= _CALLER_END else node.parse(_CALLER_KIND, data[:_CALLER_END])
+
+    node.raw_subscribe(f"rq{node.name(service)}Request", request_kind, heard, parse)
+
+
+def _answers(node: Node, service: str, reply_kind: str) -> Callable[[Any], Answer]:
+    """Gives what sends the reply to a caller."""
+    replies = node.raw_publisher(f"rr{node.name(service)}Reply", reply_kind)
+
+    def to(caller: Any) -> Answer:
+        make = functools.partial(node.messages.make, reply_kind, client=caller.client, number=caller.number)
+        return lambda **fields: replies.publish(make(**fields))
+
+    return to

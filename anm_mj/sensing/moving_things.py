@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from anm_mj.frames import back_project
+from anm_mj.frames import transform_points
 from anm_mj.types import Observation
 
 REMEMBERED_S = 2.0
@@ -19,7 +19,8 @@ _CELL_M = 0.15
 """Points in neighbouring cells of this edge belong to one thing [m]."""
 _LOW_M, _HIGH_M = 0.1, 2.2
 """Heights that count [m]."""
-_LEAST_POINTS = 12
+_LEAST_POINTS, _FOCAL_PX = 4, 64.0
+"""Fewer pixels are no thing, of an image thinned to this focal length."""
 _SMALLEST_M, _LARGEST_M = 0.2, 0.5
 """Radius of a thing: what is seen of it, within these [m]."""
 
@@ -85,7 +86,15 @@ def _nearest(known: list[MovingThing], x_m: float, y_m: float, now_s: float) -> 
 def _clusters(observation: Observation) -> list[tuple[float, float, float]]:
     """Place and radius [m] of each thing that moved pixels show."""
     assert observation.moved_m is not None
-    xyz_m = back_project(observation.moved_m, observation.intrinsics, observation.T_world_camera)
+    camera = observation.intrinsics
+    thin = max(1, round(camera.fx / _FOCAL_PX))
+    row, col = np.nonzero(np.isfinite(observation.moved_m[::thin, ::thin]))
+    if len(row) < _LEAST_POINTS:
+        return []
+    row, col = row * thin, col * thin
+    depth_m = observation.moved_m[row, col].astype(float)
+    rays = (col + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, np.ones(len(row))
+    xyz_m = transform_points(observation.T_world_camera, np.stack(rays, axis=1) * depth_m[:, None])
     xy_m: Float[np.ndarray, "n 2"] = xyz_m[(xyz_m[:, 2] > _LOW_M) & (xyz_m[:, 2] < _HIGH_M), :2]
     if len(xy_m) < _LEAST_POINTS:
         return []

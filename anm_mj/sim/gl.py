@@ -188,5 +188,7 @@ def probe(name: str) -> str:
         lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
         # The first exception is the cause; later ones are consequences, or come from GL at exit.
         errors = [line for line in lines if line.split(":")[0].endswith("Error")]
-        raise ProbeError(next(iter(errors + lines[-1:]), f"the process ended with status {done.returncode}"))
+        said = next(iter(errors + lines[-1:]), f"the process ended with status {done.returncode}")
+        # So PyOpenGL says it.
+        raise ProbeError("its library is not installed" if "'NoneType' object has no attribute" in said else said)
     return done.stdout.strip()

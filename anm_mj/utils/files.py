@@ -81,11 +81,16 @@ def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str
 
 
 def home_folder() -> Path:
-    """The user's home; for a user who has none, as in a container, a folder of its own below the temporary ones."""
+    """The user's home; for a user who has none, as in a container, :func:`nowhere_folder`."""
     try:
         return Path.home()
     except RuntimeError:
-        return Path(tempfile.gettempdir()) / f"anm_mj-{os.getuid()}"
+        return nowhere_folder()
+
+
+def nowhere_folder() -> Path:
+    """A folder below the temporary ones for a user who has no home, or may not write there."""
+    return Path(tempfile.gettempdir()) / f"anm_mj-{os.getuid()}"
 
 
 def cache_folder(name: str = "") -> Path:

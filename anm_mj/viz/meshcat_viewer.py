@@ -250,8 +250,9 @@ class MeshcatViewer:
 
 def _end(event: Ended) -> str:
     """How a run ended; a budget that is used up is the usual end."""
+    word = {StopReason.BUDGET: "Done", StopReason.COMPLETE: "Complete"}.get(event.stop_reason)
     after = f"after {event.num_steps} steps"
-    return f"Done {after}." if event.stop_reason is StopReason.BUDGET else f"Ended {after}: {event.stop_reason}."
+    return f"{word} {after}." if word else f"Ended {after}: {event.stop_reason}."
 
 
 def _with_moved(observation: Observation) -> UInt8[np.ndarray, "h w 3"]:

@@ -33,6 +33,7 @@ def test_every_run_is_a_row(file, tmp_path):
     assert "`gvg`, `frontier`" in card
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_policy_with_other_settings_is_another_row(tmp_path):
     sweep = '[[sweep]]\nscenes = ["home"]\npolicies = ["anm-s"]\nsteps = 300\n'
     file = tmp_path / "ablation.toml"
@@ -75,6 +76,7 @@ def test_a_policy_beside_the_file_is_found(tmp_path, monkeypatch):
     assert "bench_own:MyPolicy" in (tmp_path / "out" / "table.md").read_text()
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_existing_runs_are_skipped(file, tmp_path):
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
     again = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:refusing")
@@ -98,6 +100,7 @@ def test_bad_options_are_refused(file, tmp_path, options, match):
         run_bench(file, tmp_path / "out", **options)
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_folder_of_another_revision_is_refused_where_rows_must_compare(file, tmp_path):
     file.write_text('scenes = ["home"]\npolicies = ["gvg", "random"]\nsteps = 30\n')
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
@@ -111,6 +114,7 @@ def test_a_folder_of_another_revision_is_refused_where_rows_must_compare(file, t
     assert "rows of several revisions do not compare" in (tmp_path / "out" / "table.md").read_text()
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_run_is_cut_at_both_budgets(file, tmp_path):
     file.write_text('scenes = ["home"]\npolicies = ["gvg", "random"]\nbudget = "both"\n')
     (job, *_) = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick").jobs
@@ -128,6 +132,7 @@ def test_a_run_is_cut_at_both_budgets(file, tmp_path):
     assert text.count("gvg against the others, budget by") == 2
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_another_policy_joins_all_sweeps_without_settings(file, tmp_path):
     text = '[[sweep]]\nscenes = ["home"]\npolicies = ["gvg"]\nsteps = 30\n'
     file.write_text(f'{text}{text}settings = ["planning.margin_m=0.06"]\n')
@@ -139,6 +144,7 @@ def test_another_policy_joins_all_sweeps_without_settings(file, tmp_path):
     ]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_start_after_start_is_run_with_its_oracles_last(tmp_path):
     file = tmp_path / "small.toml"
     file.write_text('scenes = ["home"]\npolicies = ["oracle", "gvg", "random"]\nstarts = 2\nsteps = 300\n')

@@ -19,6 +19,17 @@ def file(tmp_path):
     return path
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A comparison of one run, to be copied and damaged."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "small.toml").write_text(
+        'scenes = ["home"]\npolicies = ["random"]\nstarts = 1\nseeds = [0]\nsteps = 100\n'
+    )
+    run_bench(folder / "small.toml", folder / "out", function="tests.bench.fake:quick")
+    return folder
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -35,10 +46,9 @@ def file(tmp_path):
         ("curve.csv", "step\n10,1,1,1,1\n5,1,1,1,1\n"),
     ],
 )
-def test_a_damaged_run_is_named(tmp_path, name, content):
+def test_a_damaged_run_is_named(made, tmp_path, name, content):
     file, out = tmp_path / "small.toml", tmp_path / "out"
-    file.write_text('scenes = ["home"]\npolicies = ["random"]\nstarts = 1\nseeds = [0]\nsteps = 100\n')
-    run_bench(file, out, function="tests.bench.fake:quick")
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     (run,) = (out / "runs").iterdir()
     (run / name).write_text(content)
     with pytest.raises(BenchError, match=f"{run.name} is damaged .*; delete it, and give the command again"):
@@ -48,10 +58,9 @@ def test_a_damaged_run_is_named(tmp_path, name, content):
 @pytest.mark.parametrize(
     ("key", "value"), [("scene_name", "x/../../../evil"), ("scene_name", "\0"), ("policy", "\udcff"), ("seed", 7)]
 )
-def test_a_run_of_something_else_than_its_folder_says_is_refused(tmp_path, key, value):
+def test_a_run_of_something_else_than_its_folder_says_is_refused(made, tmp_path, key, value):
     file, out = tmp_path / "small.toml", tmp_path / "out"
-    file.write_text('scenes = ["home"]\npolicies = ["random"]\nstarts = 1\nseeds = [0]\nsteps = 100\n')
-    run_bench(file, out, function="tests.bench.fake:quick")
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     (run,) = (out / "runs").iterdir()
     facts = json.loads((run / "result.json").read_text())
     (run / "result.json").write_text(json.dumps({**facts, key: value}))
@@ -95,6 +104,7 @@ def test_nothing_is_written_through_a_link(tmp_path):
     assert (tmp_path / "precious").read_text() == "kept"
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_only_unfinished_runs_are_removed_from_a_folder(file, tmp_path):
     (tmp_path / "out" / "runs" / ".git").mkdir(parents=True)
     (tmp_path / "out" / "runs" / ".room_gvg_start0_seed0_01234567-89abcdef").mkdir()
@@ -102,6 +112,7 @@ def test_only_unfinished_runs_are_removed_from_a_folder(file, tmp_path):
     assert [path.name for path in (tmp_path / "out" / "runs").glob(".*")] == [".git"]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_metrics_of_another_run_and_what_is_no_folder_are_refused(file, tmp_path):
     (job, *_) = run_bench(file, tmp_path / "out", function="tests.bench.fake:quick").jobs
     folder = tmp_path / "out" / "runs" / job.name

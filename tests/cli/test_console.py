@@ -1,13 +1,20 @@
 """Consoles of the command line, on which no file of others commands the terminal."""
 
 import io
+import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 
+import matplotlib
+import pytest
 from rich.table import Table
 
 from anm_mj.cli.console import PlainConsole, printable
+from anm_mj.utils.extras import EXTRAS
+from tests.scene.small import make_small_scene
 
 
 def test_no_character_of_a_file_commands_the_terminal():
@@ -46,19 +53,29 @@ raise SystemExit(7)
     assert process.returncode == 7
 
 
-def test_a_user_without_a_home_explores(tmp_path):
-    program = """
+@pytest.mark.parametrize("home", [None, pytest.param("/proc/nowhere", marks=pytest.mark.slow)])
+def test_a_user_without_home_and_extras_explores(tmp_path, home):
+    program = f"""
 import pwd, sys
+sys.modules |= dict.fromkeys({[*EXTRAS, "triton"]})
 def nobody(uid): raise KeyError(uid)
 pwd.getpwuid = nobody
 from anm_mj.cli.main import main
-sys.exit(main(["explore", "room", "--steps", "2", "--out", sys.argv[1]]))
+sys.exit(main(sys.argv[1:]))
 """
-    env = {key: value for key, value in os.environ.items() if key not in {"HOME", "MPLCONFIGDIR"}} | {
-        "TMPDIR": str(tmp_path)
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path / "run")], env=env, capture_output=True, text=True
-    )
+    folder = tmp_path / "Küche mit Leerzeichen"
+    make_small_scene(tmp_path / "small")
+    # The list of fonts, which takes seconds to make.
+    shutil.copytree(matplotlib.get_cachedir(), tmp_path / f"anm_mj-{os.getuid()}" / ".cache" / "matplotlib")
+    words = ["explore", str(tmp_path / "small"), "--steps", "3", "--out", str(folder), "--set", "image_px=32"]
+    words += ["--set", "mapping.schedule.first_iterations=5", "--set", "mapping.schedule.final_iterations=0"]
+    env = {key: value for key, value in os.environ.items() if key not in {"HOME", "MPLCONFIGDIR"}}
+    env |= {"TMPDIR": str(tmp_path)} | ({"HOME": home} if home else {})
+    done = subprocess.run([sys.executable, "-c", program, *words], env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "run" / "curve.png").is_file()
+    assert (folder / "curve.png").is_file()
+    assert "atplotlib" not in done.stderr
+    # Progress, table and file state one figure at the end.
+    final = json.loads((folder / "metrics.json").read_text())["observable_ratio"]
+    assert f"step 3 of 3 · {final:.1f} % of the observable surface" in done.stdout
+    assert re.search(rf"completion ratio, observable +{final:.2f} ", done.stdout)

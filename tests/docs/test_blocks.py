@@ -13,7 +13,10 @@ SMALLER = (
     (r"num_envs=8", "num_envs=1"),
     (r"image_px=128", "image_px=32"),
     (r'scene="room"\)?', lambda found: found[0].replace('"room"', '"room", image_px=32')),
-    (r"settings=\[", 'settings=["image_px=32", "mapping.schedule.first_iterations=5", '),
+    (
+        r"settings=\[",
+        'settings=["image_px=32", "mapping.schedule.first_iterations=5", "mapping.schedule.final_iterations=0", ',
+    ),
 )
 """What makes a block quick: patterns and what stands in their place."""
 WITH_PYTHON = [page for page in PAGES if any(block.language == "python" for block in blocks(page.read_text("utf-8")))]

@@ -41,7 +41,8 @@ from anm_mj.types import Footprint
 from tests.docs.pages import PAGES, ROOT, blocks, commands, files, inline_code, options, settings
 
 TEMPLATE = ROOT / "docs" / "templates" / "my_policy.py"
-QUICK = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
+SCHEDULE = ["--set", "mapping.schedule.first_iterations=5", "--set", "mapping.schedule.final_iterations=0"]
+QUICK = ["--set", "image_px=32", *SCHEDULE]
 """Makes a run of a few steps quick."""
 REAL_RUN = "anm-mj explore home --steps 500"
 """The run that is made, of three steps; other commands read what it leaves."""

@@ -5,6 +5,7 @@ import os
 import pickle
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import gymnasium
@@ -166,6 +167,13 @@ def test_forked_process(monkeypatch):
     monkeypatch.setattr(gl, "_gl_process", os.getpid() + 1)
     with pytest.raises(RenderError, match='method "spawn"'):
         env.reset()
+
+
+def test_an_environment_belongs_to_its_thread(env):
+    env.reset(seed=5)
+    with ThreadPoolExecutor(1) as other, pytest.raises(RenderError, match="in one thread"):
+        other.submit(env.step, 2).result()
+    env.step(2)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ STUB = """#!/usr/bin/env bash
 echo "$*" >>"$CALLS"
 case "$*" in
     *--torch-backend*) exit ${BACKEND_STATUS:-0} ;;
+    *--requirement*requirements.txt*) echo "   Downloading numpy (16.1MiB)" >&2 ;;
     *select_backend*) echo egl ;;
     *sysconfig*) echo / ;;
 esac
@@ -31,11 +32,12 @@ def set_up(tmp_path):
     python = tmp_path / ".venv" / "bin" / "python"
     python.write_text(STUB)
     python.chmod(0o755)
-    apt_get = tmp_path / "bin" / "apt-get"  # No test installs a system package.
-    apt_get.write_text("#!/bin/sh\n")
-    apt_get.chmod(0o755)
+    # No test installs a system package, and there is an NVIDIA GPU.
+    for name in ("apt-get", "nvidia-smi"):
+        (tmp_path / "bin" / name).write_text("#!/bin/sh\n")
+        (tmp_path / "bin" / name).chmod(0o755)
 
-    def run(**environment):
+    def run(status=0, **environment):
         calls = tmp_path / "calls"
         calls.write_text("")
         path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
@@ -46,17 +48,37 @@ def set_up(tmp_path):
             env={**clean, "PATH": path, "CALLS": str(calls), **environment},
             capture_output=True,
             text=True,
-            check=True,
         )
-        return done.stdout, calls.read_text()
+        assert done.returncode == status, done.stderr
+        return done.stdout + done.stderr, calls.read_text()
 
     return run
 
 
 def test_the_usual_build_of_torch(set_up):
-    _, calls = set_up()
+    said, calls = set_up()
     assert "--torch-backend" not in calls
     assert "--requirement requirements.txt" in calls
+    assert "set-up: downloading numpy (16.1MiB)\n" in said
+
+
+@pytest.mark.skipif(Path("/proc/driver/nvidia/version").exists(), reason="an NVIDIA GPU is here")
+@pytest.mark.parametrize("is_reached", [True, False])
+def test_without_a_gpu_the_build_for_cpus_is_taken_where_its_index_can_be_reached(set_up, tmp_path, is_reached):
+    if shutil.which("nvidia-smi"):
+        pytest.skip("nvidia-smi is here")
+    (tmp_path / "bin" / "nvidia-smi").unlink()
+    said, calls = set_up(BACKEND_STATUS="0" if is_reached else "1")
+    assert ("torch for 'cpu'" in said) == is_reached
+    assert ("--requirement requirements.txt" in calls) != is_reached
+    assert "could not be fetched" not in said
+
+
+def test_a_python_that_is_not_there_is_named_and_nothing_is_touched(set_up, tmp_path):
+    said, calls = set_up(status=1, ANM_MJ_PYTHON="python3.99")
+    assert "set-up: python3.99 is needed, but" in said
+    assert "pip install" not in calls
+    assert (tmp_path / ".venv" / "bin" / "python").is_file()
 
 
 def assert_hashed(pins):

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-QUICK = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
+SCHEDULE = ["--set", "mapping.schedule.first_iterations=5", "--set", "mapping.schedule.final_iterations=0"]
+QUICK = ["--set", "image_px=32", *SCHEDULE]
 
 
 def loaded(program, place):

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -100,3 +101,15 @@ def test_with_the_native_engine(tmp_path):
     comparison = f'scenes = ["room"]\npolicies = ["random", "gvg"]\nsteps = 5\nsettings = {json.dumps(settings)}\n'
     (tmp_path / "comparison.toml").write_text(comparison)
     assert "2 runs" in call(python, tmp_path, "anm-mj", "bench", "comparison.toml")
+    # Nothing was written where the package is installed, which others may not write to.
+    installed = [path for path in Path(where).parent.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    assert len(installed) == len([name for name in names if name.startswith("anm_mj/") and not name.endswith("/")])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_source_distribution_holds_documentation_and_tests(tmp_path):
+    uv("build", "--sdist", "--no-build-isolation", "--python", sys.executable, "--out-dir", tmp_path, ROOT)
+    with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert {"docs/start.md", "docs/film.gif", "tests/install/test_wheel.py", "native/CMakeLists.txt"} <= names

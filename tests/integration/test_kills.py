@@ -25,7 +25,12 @@ from tests.scene.small import make_small_scene
 
 HOUSE = PUBLIC_SCENES / "aws_small_house.glb"
 """A scene of others; left out where it is missing."""
-TINY = ("image_px=64", "mapping.schedule.first_iterations=5", "mapping.schedule.replay_bytes=2000000")
+TINY = (
+    "image_px=64",
+    "mapping.schedule.first_iterations=5",
+    "mapping.schedule.final_iterations=20",
+    "mapping.schedule.replay_bytes=2000000",
+)
 GROWING = ("mapping.field.log2_table_size=11", "mapping.field.entries_per_m3=2000.0")
 """The table doubles on the way, so that a resumed run begins with another one than it began with."""
 OFTEN = ("checkpoint.every_steps=10", "checkpoint.loop_share=1")

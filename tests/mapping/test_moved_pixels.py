@@ -49,6 +49,15 @@ def thing_states(grid: DepthOccupancy, cols: range) -> np.ndarray:
     return grid.state_at(np.stack([np.full(10, THING_M), np.full(10, -u[0] * THING_M), heights], axis=1))
 
 
+def thing_column(grid: DepthOccupancy, col: int) -> np.ndarray:
+    """States of the voxels in the thing's front in a column of the image, from 0.15 m on."""
+    v = np.arange(32, 78) + 0.5
+    heights = 1.0 - (v - CAMERA.cy) / CAMERA.fy * THING_M
+    y_m = -(col + 0.5 - CAMERA.cx) / CAMERA.fx * THING_M
+    points = np.stack([np.full(len(v), THING_M), np.full(len(v), y_m), heights], axis=1)
+    return grid.state_at(points[heights > 0.15])
+
+
 def test_what_comes_into_free_space_has_moved():
     grid = new_grid()
     fuse(grid, view(), 5)
@@ -143,9 +152,9 @@ def test_a_held_disc_is_an_obstacle_where_space_is_known_and_its_place_still_sur
 
 def test_depth_without_noise_may_be_too_short_by_nothing():
     unsure = replace(view(deviation_m=0.03), heading_deviation_rad=0.01)
-    assert depth_doubt(1e-6, view(), 5.0) == (0.0, 0.0)
-    assert depth_doubt(np.inf, view(), 5.0) == (0.0, 0.0)
-    assert depth_doubt(0.002, unsure, 4.0) == pytest.approx((0.008, 0.2))
+    assert depth_doubt(1e-6, view()) == (0.0, 0.0, 0.0)
+    assert depth_doubt(np.inf, view()) == (0.0, 0.0, 0.0)
+    assert depth_doubt(0.002, unsure) == pytest.approx((0.008, 0.12, 0.04))
 
 
 @pytest.mark.parametrize(
@@ -173,3 +182,47 @@ def test_a_thing_that_is_pushed_leaves_free_space_and_becomes_surface_where_it_s
     assert not pushed[-1].any()
     assert (thing_states(grid, before) == FREE).all()
     assert (thing_states(grid, after) == OCCUPIED).all()
+
+
+def test_what_is_held_is_an_obstacle_for_some_frames_and_for_twice_as_many_the_next_time():
+    grid = new_grid(held_frames=3)
+    fuse(grid, view(), 5)
+    away = view()
+    away.depth_m[:] = np.nan
+    disc, place, held = np.array([[1.0, 0.0, 0.3]]), np.array([[1.0, 0.2, 1.0]]), []
+    for _ in range(2):
+        grid.hold_moved(disc)
+        frames = 0
+        while grid.state_at(place) == [OCCUPIED]:
+            fuse(grid, away)
+            frames += 1
+        held.append(frames)
+
+    assert held == [3, 6]
+    assert not grid.release_moved() or (grid.state_at(place) == FREE).all()
+
+
+def test_a_turned_camera_may_explain_a_far_pixel_and_not_a_near_one():
+    """Four times 0.1 rad are 0.6 m at the thing, 1.5 m before the wall, and 1 m half a metre before it."""
+    grid = new_grid()
+    fuse(grid, view(), 12)
+    near, far = view(slice(40, 60)), view()
+    far.depth_m[30:80, 40:60] = 2.5
+
+    assert grid.find_moved(judge_pixels(replace(near, heading_deviation_rad=0.1))) is not None
+    assert grid.find_moved(judge_pixels(replace(far, heading_deviation_rad=0.1))) is None
+    assert grid.find_moved(judge_pixels(far)) is not None
+
+
+def test_what_the_camera_cannot_look_through_of_a_thing_goes_with_the_rest():
+    """A thing stands at first and leaves; its lowest part stays hidden behind something near."""
+    grid = new_grid()
+    fuse(grid, view(slice(20, 36)), 5)
+    left = view(slice(52, 68))
+    left.depth_m[64:80, 20:36] = 0.6
+    for _ in range(8):
+        fuse(grid, left)
+
+    states = thing_column(grid, 28)
+    assert (states == FREE).mean() > 0.9
+    assert not (states == OCCUPIED).any()

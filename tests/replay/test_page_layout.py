@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 from itertools import combinations
 
 import numpy as np
@@ -148,6 +149,40 @@ def test_the_view_follows_the_robot_and_zoom_ends(browser):
     assert browser.evaluate("replay.view.distance()") == pytest.approx(whole)
 
 
+AXIS = "['x2', 'y2'].map(end => Number(document.querySelector('[data-axis={}] line').getAttribute(end)))"
+
+
+def test_the_scale_bar_and_the_axes_are_those_of_the_view(browser):
+    browser.resize(1280, 800)
+    click_on(browser, "top")
+    assert browser.evaluate("document.getElementById('top').getAttribute('aria-pressed')") == "true"
+    # On the screen y is down: from above, x is right, y up and z towards the eye.
+    for axis, end in (("x", [10, 0]), ("y", [0, -10]), ("z", [0, 0])):
+        assert browser.evaluate(AXIS.format(axis)) == pytest.approx(end, abs=0.05)
+    text = browser.evaluate("document.getElementById('length').textContent")
+    width = browser.evaluate("document.querySelector('#ruler i').getBoundingClientRect().width")
+    number, unit = text.split()
+    left, right = browser.evaluate(
+        "[0, 1].map(x => (new MeshCat.THREE.Vector3(x, 0, 0).project(replay.viewer.camera).x + 1) / 2 * innerWidth)"
+    )
+    assert width / (right - left) == pytest.approx(float(number) * {"m": 1.0, "cm": 0.01}[unit], rel=0.02)
+    click_on(browser, "home")
+
+
+def test_a_colouring_has_a_scale_with_units(browser):
+    scale = "[...document.querySelectorAll('#scale span')].map(one => one.textContent)"
+    shown = "document.getElementById('scale').getBoundingClientRect().height > 0"
+    names = browser.evaluate("[...colouring.options].map(one => one.textContent)")
+    assert names == ["surface as seen", "true error", "first seen"]
+    browser.evaluate("legend.open = true")
+    for index, ends in ((0, None), (1, r"≤ [\d.]+ mm"), (2, "step 0")):
+        browser.evaluate(f"colouring.value = {index}; colouring.dispatchEvent(new Event('change'))")
+        assert browser.evaluate(shown) == (index > 0)
+        assert ends is None or re.fullmatch(ends, browser.evaluate(scale)[0])
+        browser.keep(f"replay_{names[index].replace(' ', '_')}")
+    browser.evaluate("colouring.value = 0; colouring.dispatchEvent(new Event('change'))")
+
+
 def changed(page, path, change):
     """The page with other data."""
     head, rest = page.read_text().split('<script id="data" type="application/json">')
@@ -166,7 +201,6 @@ def test_the_legend_names_what_is_drawn(browser, page, tmp_path):
     words = "[...document.querySelectorAll('#layers label')].map(one => one.textContent)"
     shown = browser.evaluate(words)
     assert shown[-3:] == ["regions of interest", "planned path", "target"]
-    assert browser.evaluate("ruler.textContent.trim()").endswith("m")
     assert browser.evaluate("document.getElementById('pose').hidden")
 
     def localised(data):

@@ -33,6 +33,7 @@ class Heard(dict):
     """The last message of each topic of the explorer."""
 
     def __init__(self, node: Node) -> None:
+        self.commands: set[str] = set()
         for topic, kind in {
             "map": "nav_msgs/msg/OccupancyGrid",
             "plan": "nav_msgs/msg/Path",
@@ -44,6 +45,7 @@ class Heard(dict):
 
     def _diagnostics(self, message, _):
         self["diagnostics"] = message.status[0]
+        self.commands |= {pair.value for pair in message.status[0].values if pair.key == "command"}
 
     def _frames(self, message, _):
         self["tf"] = message.transforms[0]
@@ -83,6 +85,7 @@ def test_a_run_is_stopped_by_a_command_and_goes_on(node: Node, other: Node, tmp_
     assert {marker.ns for marker in heard["explore/markers"].markers} == {"graph", "regions", "candidates", "target"}
     assert (heard["tf"].header.frame_id, heard["tf"].child_frame_id) == ("map", "odom")
     assert heard["diagnostics"].name == "anm_mj: explore"
+    assert "stop: ends after this step" in heard.commands
 
 
 @pytest.mark.parametrize("way", ["nav2", "goal_pose"])

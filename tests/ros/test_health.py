@@ -38,16 +38,17 @@ def test_nothing_is_wrong_while_all_sources_go_on(health: Health, clock: Clock):
 
 
 @pytest.mark.parametrize("stamp_s", [None, 7.1], ids=["silent", "the same stamp again and again"])
-def test_a_source_that_does_not_go_on_is_a_fault_after_the_timeout(health: Health, clock: Clock, stamp_s):
+def test_a_source_that_does_not_go_on_is_a_fault(health: Health, clock: Clock, stamp_s):
+    """Of one that repeats itself after half the timeout, of a silent one after all of it."""
     found = []
-    for step in range(1, 5):
+    for step in range(1, 6):
         clock.now_s += 0.1
         health.hear(ODOMETRY, 7.0 + 0.1 * step)
         if stamp_s is not None:
             health.hear(DEPTH, stamp_s)
         found.append(health.present())
-    told_at = 2 if stamp_s is None else 3
-    assert found == [None] * told_at + [f"nothing was heard of {DEPTH} for 0.25 s"] * (4 - told_at)
+    silent, again = f"nothing was heard of {DEPTH} for 0.25 s", f"{DEPTH} says the same again and again"
+    assert found == ([None] * 2 + [silent] * 3 if stamp_s is None else [None] * 2 + [again] + [silent] * 2)
 
     health.hear(DEPTH, 7.4)
     assert health.present() is None

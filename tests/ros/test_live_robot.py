@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import ConfigError, RobotError
+from anm_mj.frames import wrap_angle
 from anm_mj.protocols import Robot
 from anm_mj.ros import names
 from anm_mj.ros.connect import Connection, connect
@@ -47,7 +48,7 @@ def live(fake: FakeRosRobot, connected: Connection) -> Connection:
     fake.broken.clear()
     fake.obstacle_m, fake.pose = math.inf, Pose2(-1.0, 0.0, 0.0)
     time.sleep(0.3)
-    assert connected.health.present() is None
+    wait_until(lambda: connected.health.present() is None)
     connected.robot.act(Action.STOP)
     return connected
 
@@ -68,6 +69,22 @@ def test_actions_are_executed_to_the_millimetre(fake: FakeRosRobot, live: Connec
     assert after.time_s > first.time_s
     assert robot.observe().pose.yaw_rad == pytest.approx(TURN_STEP_RAD, abs=0.02)
     assert robot.step == 2
+
+
+def test_errors_of_actions_have_the_mean_zero_and_do_not_add_up(fake: FakeRosRobot, live: Connection):
+    off = []
+    for number in range(1, 16):
+        live.robot.act(Action.TURN_LEFT)
+        off.append(wrap_angle(fake.pose.yaw_rad - number * TURN_STEP_RAD))
+    assert abs(off[-1]) < math.radians(0.4)
+    assert abs(np.mean(off[5:])) < math.radians(0.15)
+
+    for _ in range(12):
+        live.robot.act(Action.MOVE_FORWARD)
+
+    heading = 15 * TURN_STEP_RAD
+    gone = np.array([math.cos(heading), math.sin(heading)]) * 12 * FORWARD_STEP_M
+    np.testing.assert_allclose(fake.pose.xy_m - [-1.0, 0.0], gone, atol=0.005)
 
 
 def test_an_observation_has_depth_camera_and_poses_of_its_moment(fake: FakeRosRobot, live: Connection):

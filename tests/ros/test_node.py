@@ -1,5 +1,8 @@
 """What is published arrives, with the names, types and QoS of ROS 2; wrong settings are told in a sentence."""
 
+import struct
+import time
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from anm_mj.errors import ConfigError
 from anm_mj.ros.names import IMAGE, ODOMETRY_TYPE, TWIST, TWIST_STAMPED
 from anm_mj.ros.network import domain_id, network_config
 from anm_mj.ros.node import LATCHED, STATE, Node
+from anm_mj.ros.services import register_type, serve_trigger
 from anm_mj.types import Pose2
 from tests.ros.conftest import wait_until
 
@@ -79,6 +83,28 @@ def test_a_message_that_cannot_be_taken_in_is_told_and_the_next_one_is_heard(nod
     assert told == [("/cmd_vel", "too fast")]
 
 
+def test_a_service_obeys_callers_that_it_cannot_answer(node: Node, other: Node, caplog):
+    """Those whose ROS 2 does not run on Cyclone DDS, and who send only what the request itself holds."""
+    calls, replies = [], []
+    serve_trigger(node, "start", lambda: (calls.append(1) is None, "goes on"))
+    reply = "std_srvs/srv/Trigger_Response"
+    register_type(other.messages.store, reply, "uint64 client\nint64 number\nbool success\nstring message\n")
+    register_type(other.messages.store, "std_srvs/srv/Trigger_Request", "uint8 unused\n")
+    other.raw_subscribe("rr/startReply", reply, lambda message, _: replies.append(message))
+    requests = other.raw_publisher("rq/startRequest", "std_srvs/srv/Trigger_Request")
+    wait_until(lambda: requests.num_subscribers)
+    time.sleep(0.2)  # The way back is found within it.
+
+    head = b"\0\1\0\0"
+    for request in (head + bytes(1), head + struct.pack("<QqB", 7, 3, 0)):
+        requests.publish_cdr(request)
+
+    wait_until(lambda: replies)
+    assert [(one.client, one.number, one.success, one.message) for one in replies] == [(7, 3, True, "goes on")]
+    assert len(calls) == 2
+    assert "gets no reply" in caplog.text
+
+
 @pytest.mark.parametrize(("text", "number"), [("", 0), ("0", 0), (" 42 ", 42), ("232", 232)])
 def test_the_domain_is_that_of_the_environment(text: str, number: int):
     assert domain_id({"ROS_DOMAIN_ID": text}) == number
@@ -94,7 +120,7 @@ def test_the_network_is_this_machine_alone_where_the_environment_says_so():
     for environment in ({"ROS_LOCALHOST_ONLY": "1"}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}):
         assert "127.0.0.1" in str(network_config(environment))
         assert network_config({**environment, "CYCLONEDDS_URI": "file:///etc/dds.xml"}) is None
-    assert network_config({}) is None
+    assert "127.0.0.1" not in str(network_config({}))
     with pytest.raises(ConfigError, match="ROS_AUTOMATIC_DISCOVERY_RANGE is 'OFF'"):
         network_config({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
 

@@ -50,7 +50,7 @@ EXPLORER = {
         "diagnostic_msgs::msg::dds_::DiagnosticArray_",
         NOT_LATCHED,
         "map",
-        r"anm_mj: explore [01] step,plan",
+        r"anm_mj: explore [01] step,plan,command",
     ),
     "/tf": ("tf2_msgs::msg::dds_::TFMessage_", NOT_LATCHED, "(map|odom)", "map>odom|odom>base_link"),
     "/cmd_vel": ("geometry_msgs::msg::dds_::Twist_", NOT_LATCHED, "", r"-?\d\.\d+ -?\d\.\d+"),
@@ -102,9 +102,11 @@ def test_the_explorer_is_what_its_page_says_and_obeys(robot: Path, peer: Peer, t
         assert steps.read_text().count("\n") == paused_at
         assert (run / "map.safetensors").is_file()
         assert peer("call", 20, "/explore/home")[0]["success"]
+        peer("ask", 6, "/explore/start")
         peer("say", 5, "/explore/command", "stop")
         assert explorer.wait(60.0) == 0
     assert "INTERRUPTED" in out.read_text()
+    assert "/explore/start: its caller's ROS 2 does not run on Cyclone DDS and gets no reply" in out.read_text()
 
 
 def _require(wanted: dict, offered: list[dict], heard: list[dict]) -> None:

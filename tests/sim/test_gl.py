@@ -5,6 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from anm_mj.sim.gl import ProbeError, probe
+
 _SELECT = "from anm_mj.sim.gl import select_backend; print(select_backend())"
 
 
@@ -54,6 +58,13 @@ def test_no_back_end_works(tmp_path):
     assert "egl:" in message
     assert "osmesa:" in message
     assert "apt install libegl1" in message
+
+
+def test_a_library_that_is_not_installed_is_said(monkeypatch):
+    said = "Traceback\nAttributeError: 'NoneType' object has no attribute 'glGetError'\n"
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: subprocess.CompletedProcess([], 1, "", said))
+    with pytest.raises(ProbeError, match="its library is not installed"):
+        probe("osmesa")
 
 
 def test_unwritable_cache(tmp_path):

@@ -35,21 +35,6 @@ def test_a_module_of_no_extra_has_no_advice():
     assert missing_package(ModuleNotFoundError("no module", name="nothing.at_all")) is None
 
 
-def test_a_run_needs_no_extra(tmp_path):
-    done = run_without_extras(
-        "explore",
-        "room",
-        "--steps",
-        "2",
-        "--set",
-        "mapping.schedule.final_iterations=1",
-        "--out",
-        str(tmp_path / "run"),
-    )
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "run" / "metrics.json").is_file()
-
-
 @pytest.mark.parametrize("choice", [("--set", "mapping.engine=torch"), ("--policy", "anm")])
 def test_what_runs_on_torch_names_torch(tmp_path, choice):
     done = run_without_extras("explore", "room", "--steps", "2", *choice, "--out", str(tmp_path / "run"))

@@ -3,6 +3,7 @@ import contextlib
 import json
 import logging
 import os
+import re
 import socket
 import threading
 import time
@@ -374,8 +375,12 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         browser.keep("live_start")
         show(viewer, 30)
         viewer.progress(9, 500, completed(9, 12.0))
+        browser.wait("document.getElementById('step').textContent.startsWith('9 ')")
+        browser.evaluate("performance.now = (now => () => now() + 10_000)(performance.now.bind(performance)); 0")
         viewer.progress(29, 500, completed(29, 41.5))
         browser.wait("document.getElementById('step').textContent.startsWith('29')")
+        # Twenty steps in ten seconds, and what the test itself has taken.
+        assert re.fullmatch(r"(2\.0|1\.\d) steps/s, at most \d:\d\d min left", browser.evaluate(text("pace")))
         assert browser.evaluate(text("title")) == "box, gvg, seed 0"
         assert browser.evaluate(text("step")) == "29 of at most 500"
         assert browser.evaluate(text("coverage")) == "41.5 % of the observable surface"
@@ -408,7 +413,7 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         viewer.on_event(Ended(StopReason.COMPLETE, 30, 1.0, observe(30, Pose2(0.5, 0.5, 0.0))))
         viewer.close()
         browser.wait("!document.getElementById('ended').hidden")
-        assert browser.evaluate(text("ended")) == "Ended after 30 steps: COMPLETE. Replay it: anm-mj view runs/latest"
+        assert browser.evaluate(text("ended")) == "Complete after 30 steps. Replay it: anm-mj view runs/latest"
         browser.keep("live_ended")
         assert browser.evaluate("getComputedStyle(document.getElementById('ended')).color") == CALM
         assert browser.evaluate(text("step")) == "29 of at most 500"

@@ -76,8 +76,13 @@ function makeView(viewer, low, high, shown) {
     const perPixel = lens.position.distanceTo(controls.target) / focal();
     const most = 120 * perPixel, power = 10 ** Math.floor(Math.log10(most));
     const length = [5, 2, 1].find((k) => k * power <= most) * power;
-    document.getElementById("ruler").firstElementChild.style.width = length / perPixel + "px";
-    document.getElementById("ruler").lastElementChild.textContent = length >= 1 ? length + " m" : Math.round(100 * length) + " cm";
+    document.querySelector("#ruler i").style.width = length / perPixel + "px";
+    document.getElementById("length").textContent = length >= 1 ? length + " m" : Math.round(100 * length) + " cm";
+    lens.updateMatrixWorld();
+    document.getElementById("axes").innerHTML = [["x", "#d1495b", 1, 0, 0], ["y", "#3f9b57", 0, 1, 0], ["z", "#4a7fd0", 0, 0, 1]].map(([name, colour, ...axis]) => {
+      const seen = turned(...axis).transformDirection(lens.matrixWorldInverse), [x, y] = [seen.x, -seen.y].map((k) => k.toFixed(3));
+      return `<g data-axis="${name}" stroke="${colour}" fill="${colour}"><line x2="${10 * x}" y2="${10 * y}"/><text stroke="none" text-anchor="middle" dominant-baseline="central" x="${14 * x}" y="${14 * y}">${name}</text></g>`;
+    }).join("");
   }
 
   lens.fov = FOV_DEG;

@@ -80,11 +80,11 @@ class ActiveTarget:
         return math.dist(self.viewpoint.xy_m, pose.xy_m) < NEAR_TARGET_M and abs(error) < TURN_STEP_RAD
 
     def needs_decision(self, pose: Pose2, seen_m2: float) -> bool:
-        """Whether a full decision is due: the target is reached, the plan done or old, or much new surface was seen."""
+        """Whether a full decision is due: the target is reached, the plan done or old, or much was seen, or is gone."""
         enough_m2 = max(self._config.replan_gain_m2, self._config.replan_gain_share * self._view_gain_m2)
         return (
             self.is_reached(pose)
-            or seen_m2 - self._decided_at_m2 > enough_m2
+            or abs(seen_m2 - self._decided_at_m2) > enough_m2
             or self._num_reuses >= self._config.max_plan_reuse
             or self._is_followed(pose)
         )

@@ -4,6 +4,7 @@
 //!     peer hear SECONDS NAMESPACE          subscribes to all topics, and prints one line of JSON for each at the end
 //!     peer drive SECONDS TOPIC V W [stamped]   sends velocities, 20 a second
 //!     peer call SECONDS SERVICE            calls a std_srvs/Trigger, and prints its reply
+//!     peer ask SECONDS SERVICE             the same as a ROS 2 on Fast DDS asks, which gets no reply
 //!     peer say SECONDS TOPIC TEXT          sends a std_msgs/String once somebody listens
 
 mod digest;
@@ -55,6 +56,7 @@ fn main() {
         "hear" => hear(node(), within, &word(2)),
         "drive" => drive(node(), within, &word(2), number(3), number(4), word(5) == "stamped"),
         "call" => call(&context, within, &word(2)),
+        "ask" => ask(&context, within, &word(2)),
         "say" => say(node(), within, &word(2), &word(3)),
         other => panic!("'{other}' is no command"),
     }
@@ -253,18 +255,37 @@ fn drive(mut node: Node, within: Duration, name: &str, forward: f64, turn: f64, 
     }
 }
 
+fn trigger_topic(context: &Context, name: String, part: &str) -> ros2_client::rustdds::Topic {
+    let kind = format!("std_srvs::srv::dds_::Trigger_{part}_");
+    context
+        .domain_participant()
+        .create_topic(name, kind, &asked(false), TopicKind::NoKey)
+        .expect("a topic")
+}
+
+/// The caller is not in the request, but beside it.
+fn ask(context: &Context, within: Duration, service: &str) {
+    let requests = trigger_topic(context, format!("rq{service}Request"), "Request");
+    let to = context
+        .domain_participant()
+        .create_publisher(&asked(false))
+        .expect("a publisher");
+    let to = to
+        .create_datawriter_no_key_cdr::<Unnamed>(&requests, None)
+        .expect("a writer");
+    let end = Instant::now() + within;
+    while Instant::now() < end {
+        std::thread::sleep(Duration::from_secs(1));
+        to.write(Unnamed { unused: 0 }, None).expect("sent");
+    }
+}
+
 /// The request is repeated, for nobody tells whether both topics of the service have been found.
 fn call(context: &Context, within: Duration, service: &str) {
     let participant = context.domain_participant();
     let qos = asked(false);
-    let make = |name: String, part: &str| {
-        let kind = format!("std_srvs::srv::dds_::Trigger_{part}_");
-        participant
-            .create_topic(name, kind, &qos, TopicKind::NoKey)
-            .expect("a topic")
-    };
-    let requests = make(format!("rq{service}Request"), "Request");
-    let replies = make(format!("rr{service}Reply"), "Response");
+    let requests = trigger_topic(context, format!("rq{service}Request"), "Request");
+    let replies = trigger_topic(context, format!("rr{service}Reply"), "Response");
     let from = participant.create_subscriber(&qos).expect("a subscriber");
     let mut from = from
         .create_datareader_no_key_cdr::<TriggerReply>(&replies, None)

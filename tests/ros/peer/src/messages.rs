@@ -64,5 +64,6 @@ message! {
     // What precedes request and reply of a service where ROS 2 runs on Cyclone DDS.
     Caller { client: u64, number: i64 }
     TriggerRequest { caller: Caller, unused: u8 }
+    Unnamed { unused: u8 }
     TriggerReply { caller: Caller, success: bool, message: String }
 }
