@@ -41,6 +41,7 @@ def main(
     drive: str = SimulationConfig.drive,
     image_px: int = SimulationConfig.image_px,
     seed: int = 0,
+    people: int = 0,
 ) -> None:
     """Explore and record.
 
@@ -51,11 +52,13 @@ def main(
         policy: decides where to go.
         drive: kinematic or physics.
         image_px: width and height of the pictures [px].
-        seed: of map and policy.
+        seed: of map, policy and people.
+        people: who walk through the scene.
     """
-    config = make_config("quick", [], scene=scene, policy=policy, steps=steps, drive=drive, seed=seed)
+    settings = [f"people.number={people}"]
+    config = make_config("quick", settings, scene=scene, policy=policy, steps=steps, drive=drive, seed=seed)
     recorder = SequenceRecorder(out)
-    with make_robot(load_scene(scene), drive=drive, image_px=image_px) as robot:
+    with make_robot(load_scene(scene), drive=drive, image_px=image_px, people=config.people) as robot:
         outcome = explore(
             robot,
             NeuralMap(config.mapping, seed=seed, device="cpu"),

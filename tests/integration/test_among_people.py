@@ -1,14 +1,21 @@
 """Whole runs among people: nobody is touched, no run ends early, the map keeps nobody."""
 
 import json
+import math
+from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from anm_mj.config import make_config
+from anm_mj.replay.film import film_frames
+from anm_mj.replay.timeline import read_timeline
 from anm_mj.run import run
 from anm_mj.types import StopReason
 
 QUICK = ["image_px=128", "mapping.schedule.first_iterations=50", "mapping.schedule.final_iterations=0"]
+SEES_PEOPLE_STEP = 30
+"""The robot has turned around by then."""
 
 
 @pytest.mark.slow
@@ -21,7 +28,8 @@ QUICK = ["image_px=128", "mapping.schedule.first_iterations=50", "mapping.schedu
     ],
     ids=["crowd", "doorway", "follower"],
 )
-def test_a_run_among_people_goes_on_and_touches_nobody(tmp_path, people):
+def test_a_run_among_people_goes_on_and_touches_nobody(tmp_path, people, request):
+    """Each leaves a picture of when somebody was nearest, ``build/people/<name>.png``."""
     config = make_config("default", [*QUICK, *people], scene="home", steps=150, goal="coverage")
 
     folder, metrics = run(config, out=tmp_path / "run")
@@ -35,6 +43,12 @@ def test_a_run_among_people_goes_on_and_touches_nobody(tmp_path, people):
     assert metrics.ghost_percent < 1.0
     lines = [json.loads(line) for line in folder.frames.read_text().splitlines()]
     assert all(len(line["people"]) == config.people.number for line in lines)
+    apart_m = [min(math.dist(one[:2], (line["x_m"], line["y_m"])) for one in line["people"]) for line in lines]
+    step = apart_m.index(min(apart_m[SEES_PEOPLE_STEP:]))
+    pictures = Path(__file__).parents[2] / "build/people"
+    pictures.mkdir(parents=True, exist_ok=True)
+    _, picture, *_ = film_frames(read_timeline(folder.path), every=step)
+    Image.fromarray(picture).save(pictures / f"{request.node.callspec.id}.png")
 
 
 @pytest.mark.slow
