@@ -198,12 +198,13 @@ def frame_to_frame(
     gray: _Floats,
     variance: _Floats,
     trust: _Floats,
-    depth: _Floats,
-    image_gray: _Floats,
+    depth: NDArray[np.uint16],
+    image_gray: NDArray[np.uint8],
     camera: NDArray[np.float64],
     T: NDArray[np.float64],
     settings: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+def smoothed_depth(depth: _Floats, radius: int, noise: float, spread_share: float) -> _Floats: ...
 def ray_batches(
     pixels: NDArray[np.uint8],
     cameras: _Floats,

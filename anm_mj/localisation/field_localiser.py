@@ -16,7 +16,7 @@ from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.frame_points import draw_points, without_moved
-from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages, coarse_gray_at, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
@@ -24,10 +24,9 @@ from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, 
 from anm_mj.localisation.registration import (
     FREE,
     PLANAR,
-    Extra,
     Prior,
     Registration,
-    Sums,
+    found_by_looks,
     is_jump,
     may_be_wrong,
     register,
@@ -147,9 +146,11 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-        extra = self._extra(points, prior, noise)
+        image = key_image(observation, self.config.key_images.longest_px, noise)
+        extra = self._extra(told, image, points, prior, rng)
         align, known = self._map.backend.align, self._known
-        found = register(points, prior, align, known, settings, extra)
+        start = None if extra is None else found_by_looks(prior, extra, settings)
+        found = register(points, prior, align, known, settings, extra, start)
         if may_be_wrong(prior, found, self._costs, self.config.registration):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
         fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)
@@ -164,7 +165,7 @@ class FieldLocaliser:
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
-        self._key_images.see(estimate.observation, noise)
+        self._key_images.see(replace(image, T_world_camera=estimate.observation.T_world_camera))
         return estimate
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
@@ -227,25 +228,17 @@ class FieldLocaliser:
         iterations = tracking.young_iterations if fresh else tracking.iterations
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
-    def _extra(self, points: FramePoints, prior: Prior, noise_per_m: float) -> Extra | None:
-        """What earlier frames say of a frame's pose."""
-        images = self._key_images.overlapping(points, prior.T_world_camera) if self.config.key_images.num_images else []
+    def _extra(
+        self, told: Observation, image: KeyImage, points: FramePoints, prior: Prior, rng: np.random.Generator
+    ) -> FrameToImages | None:
+        """Earlier frames that a frame is compared with."""
+        config = self.config.key_images
+        images = self._key_images.overlapping(points, prior.T_world_camera) if config.num_images else []
         if not images:
             return None
-
-        def equations(trusted: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
-            parts = [
-                self._key_images.equations(image, trusted, T_world_camera, noise_per_m, kernel) for image in images
-            ]
-            # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
-            return Sums(
-                np.sum([part.hessian for part in parts], axis=0),
-                np.sum([part.gradient for part in parts], axis=0),
-                sum(part.cost for part in parts) / len(parts),
-                sum(part.num_points for part in parts) / len(parts),
-            )
-
-        return equations
+        noise = self._map.occupancy.by_depth.noise.value
+        many = draw_points(told, config.num_points, noise, self.config.registration.range_m, rng)
+        return FrameToImages(self._key_images, images, many, coarse_gray_at(image, many), noise)
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float16, Float32, Float64, UInt8
 from scipy import ndimage
 
 from anm_mj import _native
@@ -26,6 +26,10 @@ _LITTLE_NOISE_PER_M = 2e-4
 """Sensors with less depth noise give normals from pixel to pixel [1/m]."""
 _RADIUS_PX = 2
 """Depth of others is averaged over squares that reach so far."""
+_PLANE_SPREAD = 0.05
+"""Inverse depth that spreads by a larger share of itself over such a square is an edge."""
+_COARSE = 4
+"""Side of the squares whose grey values are averaged [px]."""
 _MOST_SCALE = 2.0
 """What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
@@ -33,12 +37,13 @@ _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
 
 @dataclass
 class KeyImage:
-    """A posed frame at reduced size."""
+    """A posed frame at reduced size; numbers of few bits, as there are many."""
 
-    depth_m: Float32[np.ndarray, "h w"]
-    """Planar depth [m]; not finite where nothing was measured."""
-    gray: Float32[np.ndarray, "h w"]
-    """In [0, 1]."""
+    depth_m: Float16[np.ndarray, "h w"]
+    """Planar depth [m]; negative where it lies on no plane, 0 or not finite where nothing was measured."""
+    gray: UInt8[np.ndarray, "h w"]
+    coarse: UInt8[np.ndarray, "h4 w4"]
+    """Means of grey values over squares of four by four pixels: what is not yet near finds its way by them."""
     camera: Float64[np.ndarray, "4"]
     """fx, fy, cx, cy [px]."""
     T_world_camera: Float[np.ndarray, "4 4"]
@@ -53,7 +58,8 @@ class KeyImage:
         """Depth, camera and pose."""
         height, width = self.depth_m.shape
         fx, fy, cx, cy = self.camera.tolist()
-        return self.depth_m, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
+        depth = np.where(self.depth_m > 0.0, self.depth_m, np.nan).astype(np.float32)
+        return depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
 
 
 def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:
@@ -71,7 +77,7 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
     rows, cols = k.height // factor, k.width // factor
     picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
-    gray = gray_values(observation.rgb.astype(np.float32)) / np.float32(255.0)
+    gray = gray_values(observation.rgb.astype(np.float32))
     if factor > 1:
         # About the picked pixel: the mean of an even block would stand half a pixel beside its ray.
         gray = ndimage.uniform_filter(gray, factor | 1, mode="nearest")[picked]
@@ -83,26 +89,32 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     if math.isfinite(noise_per_m) and noise_per_m > _LITTLE_NOISE_PER_M:
         radius = _RADIUS_PX
         depth = smoothed_depth(depth, radius, noise_per_m)
-    gray = np.ascontiguousarray(gray, np.float32)
-    return KeyImage(depth, gray, camera, observation.T_world_camera, observation.step, radius)
+    with np.errstate(over="ignore"):
+        half = depth.astype(np.float16)
+    return KeyImage(
+        half,
+        np.rint(gray).astype(np.uint8),
+        coarse_gray(gray),
+        camera,
+        observation.T_world_camera,
+        observation.step,
+        radius,
+    )
+
+
+def coarse_gray(gray: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h4 w4"]:
+    """Means over squares; what is left over at the right and below is left out."""
+    rows, cols = gray.shape[0] // _COARSE, gray.shape[1] // _COARSE
+    squares = gray[: rows * _COARSE, : cols * _COARSE].reshape(rows, _COARSE, cols, _COARSE)
+    return np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
 
 
 def smoothed_depth(
     depth_m: Float32[np.ndarray, "h w"], radius_px: int, noise_per_m: float
 ) -> Float32[np.ndarray, "h w"]:
-    """The mean of inverse depth over squares, as depth [m]; NaN at edges and where too little was measured."""
-    size = 2 * radius_px + 1
-    measured = is_measured(depth_m)
-    inverse = np.where(measured, 1.0 / np.where(measured, depth_m, 1.0), 0.0)
-    share = ndimage.uniform_filter(measured.astype(np.float64), size, mode="constant")
-    total = ndimage.uniform_filter(inverse.astype(np.float64), size, mode="constant")
-    square = ndimage.uniform_filter(np.square(inverse, dtype=np.float64), size, mode="constant")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = total / share
-        spread = np.sqrt(np.maximum(square / share - mean**2, 0.0))
-        # A plane spreads too, but over a few pixels only by a small share.
-        smooth = measured & (share > 0.5) & (spread < np.maximum(0.05 * mean, 2.0 * noise_per_m))
-        return np.where(smooth, 1.0 / mean, np.nan).astype(np.float32)
+    """The mean of inverse depth over squares, as depth [m]; at edges what was measured, negative; else 0."""
+    depth = np.where(is_measured(depth_m), depth_m, np.float32(0.0))
+    return _native.smoothed_depth(depth, radius_px, noise_per_m, _PLANE_SPREAD)
 
 
 class KeyImages:
@@ -115,9 +127,9 @@ class KeyImages:
         self._last: KeyImage | None = None
         """Of the last frame whose pose is known."""
 
-    def see(self, observation: Observation, noise_per_m: float) -> None:
+    def see(self, image: KeyImage) -> None:
         """Take a frame whose pose is known as the last one, until the next."""
-        self._last = key_image(observation, self.config.longest_px, noise_per_m)
+        self._last = image
 
     def forget_last(self) -> None:
         """The next frame does not follow a known one."""
@@ -174,8 +186,12 @@ class KeyImages:
         T_world_camera: Float[np.ndarray, "4 4"],
         noise_per_m: float,
         kernel: float,
+        coarse_gray: Float32[np.ndarray, " n"] | None = None,
     ) -> Sums:
-        """Sums over a frame's points against an image, by displacement and rotation in the world."""
+        """Sums over a frame's points against an image, by displacement and rotation in the world.
+
+        ``coarse_gray`` are the points' grey values as of :attr:`KeyImage.coarse`, to be compared with these.
+        """
         config = self.config
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
@@ -188,15 +204,16 @@ class KeyImages:
                 config.gray_deviation,
                 config.gray_kernel,
                 image.radius_px + 1,
+                1.0 if coarse_gray is None else 1.0 / _COARSE,
             ]
         )
         hessian, gradient, facts = _native.frame_to_frame(
             points.camera_m,
-            np.ascontiguousarray(gray_values(points.rgb)),
+            gray_values(points.rgb) if coarse_gray is None else coarse_gray,
             points.variance_m2,
             points.trust,
-            image.depth_m,
-            image.gray,
+            image.depth_m.view(np.uint16),
+            image.gray if coarse_gray is None else image.coarse,
             image.camera,
             np.ascontiguousarray(T),
             settings,
@@ -204,7 +221,60 @@ class KeyImages:
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
         full, slope = turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0)
-        return Sums(full, slope, float(facts[0, 0]), float(facts[0, 2]))
+        return Sums(
+            full, slope, float(facts[0, 0]), float(facts[0, 2]), float(facts[1, 0]) / max(1.0, float(facts[1, 2]))
+        )
+
+
+class FrameToImages:
+    """Compares points of a frame with some images; implements :class:`~.registration.Extra`."""
+
+    def __init__(
+        self,
+        kept: KeyImages,
+        images: list[KeyImage],
+        points: FramePoints,
+        coarse_gray: Float32[np.ndarray, " n"],
+        noise_per_m: float,
+    ) -> None:
+        """Of the images that are given; ``coarse_gray`` as of :func:`coarse_gray_at`."""
+        self._kept, self._images, self._points, self._noise_per_m = kept, images, points, noise_per_m
+        self._coarse_gray = coarse_gray
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
+        """Sums over the points and images at a pose."""
+        gray = self._coarse_gray if coarse else None
+        parts = [
+            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel, gray)
+            for image in self._images
+        ]
+        # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
+        return Sums(
+            np.sum([part.hessian for part in parts], axis=0),
+            np.sum([part.gradient for part in parts], axis=0),
+            sum(part.cost for part in parts) / len(parts),
+            sum(part.num_points for part in parts) / len(parts),
+            sum(part.mean_gray_cost for part in parts) / len(parts),
+        )
+
+    def every(self, step: int) -> FrameToImages:
+        """The same of each ``step``-th point."""
+        gray = np.ascontiguousarray(self._coarse_gray[::step])
+        return FrameToImages(self._kept, self._images, self._points.every(step), gray, self._noise_per_m)
+
+
+def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, " n"]:
+    """Coarse grey values of a frame's points in its own image, in [0, 1]."""
+    fx, fy, cx, cy = image.camera
+    depth = points.camera_m[:, 2]
+    # The first pixel's centre is at 0.
+    col = (fx * points.camera_m[:, 0] / depth + cx) / _COARSE - 0.5
+    row = (fy * points.camera_m[:, 1] / depth + cy) / _COARSE - 0.5
+    values = ndimage.map_coordinates(image.coarse.astype(np.float32), (row, col), order=1, mode="nearest")
+    return values / np.float32(255.0)
 
 
 def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: Float[np.ndarray, " n"]) -> float:
@@ -220,7 +290,7 @@ def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: F
     inside = (seen[:, 2] > 0.05) & (col >= 0.0) & (row >= 0.0) & (col < width) & (row < height)
     at = row[inside].astype(np.int64), col[inside].astype(np.int64)
     with np.errstate(invalid="ignore"):
-        on = np.abs(image.depth_m[at] - depth[inside]) < 0.05 * depth[inside]
+        on = np.abs(np.abs(image.depth_m[at]) - depth[inside]) < 0.05 * depth[inside]
     scale = depth[inside] / own_depth_m[inside]
     on &= (scale < _MOST_SCALE) & (scale > 1.0 / _MOST_SCALE)
     return float(np.count_nonzero(on)) / max(1, len(world_m))

@@ -20,12 +20,10 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Pixels of a frame that are registered."""
     range_m: float = 8.0
     """Pixels farther away are left out [m]."""
-    iterations: int = setting(8, at_most=1000)
+    iterations: int = setting(12, at_most=1000)
     """Most steps of Gauss-Newton."""
     shrink_iterations: int = setting(4, at_least=0)
     """Steps over which the kernel on distances shrinks."""
-    recheck_after: int = setting(3, at_least=0)
-    """After so many steps, which points lie at known surface is found again."""
     first_kernel: float = 20.0
     """Width of the kernel on distances at first, in standard deviations."""
     kernel: float = 2.5
@@ -38,6 +36,8 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Width of the kernel on colours, in standard deviations."""
     information: float = 0.1
     """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
+    search_least_rad: float = 0.008
+    """A rotation with a larger standard deviation is searched for by earlier images first [rad]."""
     retry_cost: float = setting(2.0, at_least=1.0)
     """A frame that costs more than this many times what frames cost of late may be in a wrong place: it is registered
     from several starts."""
@@ -47,8 +47,10 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """this in position [m],"""
     retry_least_rad: float = 0.025
     """or this in rotation [rad]: a nearer start finds the surface."""
+    retry_prior: float = setting(4.0, at_least=0.0)
+    """As is one with a larger squared deviation from its prior, in variances per direction of motion."""
     retry_starts: int = setting(12, at_least=0, at_most=1000)
-    """So many starts beside the prior's,"""
+    """So many starts beside the first,"""
     retry_deviations: float = setting(1.5, at_least=0.0)
     """drawn with so many standard deviations of the prior, or with the two above, if they are larger,"""
     retry_points: int = setting(300, at_least=50)
@@ -58,9 +60,9 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     most_prior: float = setting(9.0, at_least=0.0)
     """A pose with a larger squared deviation from its prior, in variances per direction of motion, is not believed of
     one frame."""
-    still_m: float = 2e-4
+    still_m: float = 4e-4
     """The search ends with a step that moves the camera by less [m]."""
-    still_rad: float = 2e-4
+    still_rad: float = 3e-4
     """And turns it by less [rad]."""
 
     def settings(self, share: float) -> AlignSettings:
@@ -79,7 +81,9 @@ class KeyImageConfig(Settings, group="localisation.key_images", error=MapError):
     """So many of them; 0 = the field alone."""
     most_images: int = setting(300, at_least=2, at_most=100_000)
     """So many are kept at most; then one of those that are most alike goes."""
-    longest_px: int = setting(160, at_least=16, at_most=4096)
+    num_points: int = setting(3000, at_least=50, at_most=65_536)
+    """Pixels of a frame that are compared with them."""
+    longest_px: int = setting(256, at_least=16, at_most=4096)
     """They are reduced to at most so many pixels along the longer side."""
     least_overlap: float = 0.5
     """An image is wanted that shows at least this share of the frame's points."""

@@ -11,6 +11,9 @@ from anm_mj.localisation.localisation_config import MotionConfig
 from anm_mj.localisation.registration import Prior
 from anm_mj.localisation.se3 import camera_motion, rotation_vector, skew
 
+_PRIOR_FRAMES = 4
+"""What is expected of motions counts as much as so many frames."""
+
 
 def moved_by_odometry(
     T_world_camera: Float[np.ndarray, "4 4"],
@@ -83,7 +86,7 @@ class MotionNoise:
         """Factor of the standard deviation; at least 1."""
         if not self._squares:
             return 1.0
-        share = len(self._squares) / self._config.learn_frames
+        share = len(self._squares) / (len(self._squares) + _PRIOR_FRAMES)
         learnt = math.sqrt(float(np.median(self._squares)))
         return max(1.0, share * learnt + 1.0 - share)
 

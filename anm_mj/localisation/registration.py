@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
@@ -32,6 +32,8 @@ class Sums(NamedTuple):
     """Robust cost, in squared standard deviations."""
     num_points: float
     """Points that took part; the others cost as much as the worst of outliers."""
+    mean_gray_cost: float
+    """Of a point's grey value, in squared standard deviations."""
 
 
 class Fit(NamedTuple):
@@ -43,12 +45,32 @@ class Fit(NamedTuple):
     """Of these points among all."""
 
 
-Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], Sums]
-"""Further sums over a frame's points at a pose, with a width of the kernel in standard deviations."""
+@runtime_checkable
+class Extra(Protocol):
+    """What else a frame is compared with."""
+
+    def __len__(self) -> int:
+        """Points that are compared."""
+        ...
+
+    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
+        """Sums over these points at a pose, with a width of the kernel in standard deviations.
+
+        ``coarse`` sums lead there from farther away.
+        """
+        ...
+
+    def every(self, step: int) -> Extra:
+        """The same of each ``step``-th of its points."""
+        ...
+
+
 Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
 """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
+_COARSE_STEP = 3
+"""Of so many points one is registered at first."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
 """Directions of motion of a base on the floor: along world x and y, and about z."""
 FREE = np.eye(6)
@@ -114,7 +136,7 @@ def register(
         align: The field.
         known: Which places of the field can be trusted.
         config: Settings.
-        extra: Adds to the normal equations.
+        extra: What else adds to the normal equations.
         start: Where the search begins; None = at the prior.
     """
     basis = prior.basis
@@ -123,23 +145,28 @@ def register(
     trusted = points
     hessian = np.zeros_like(information)
 
-    def fit(cost: float, num_points: float) -> Fit:
-        return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, len(points)))
+    def fit(cost: float, num_points: float, among: int) -> Fit:
+        return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, among))
 
     def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
         settings = config.settings(share)
         found = align(trusted, T, settings)
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
-        fits = [fit(found.facts[0, 0], found.facts[0, 2])]
+        fits = [fit(found.facts[0, 0], found.facts[0, 2], len(points))]
         if extra is not None:
-            more = extra(points, T, settings.kernel)
+            more = extra(T, settings.kernel, share < 1.0)
             full, slope = full + more.hessian, slope + more.gradient
-            fits.append(fit(more.cost, more.num_points))
+            fits.append(fit(more.cost, more.num_points, len(extra)))
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
 
+    # While the kernel is wide, fewer points find the place.
+    all_points, all_extra = points, extra
+    points, extra = points.every(_COARSE_STEP), extra and extra.every(_COARSE_STEP)
     iteration = 0
     while True:
-        if iteration in (0, config.recheck_after):
+        if iteration == config.shrink_iterations:
+            points, extra = all_points, all_extra
+        if iteration in (0, config.shrink_iterations):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
         equations, hessian, gradient, fits = sums(T, share)
@@ -179,13 +206,43 @@ def register(
     )
 
 
+def found_by_looks(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
+    """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
+
+    A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
+    turn, with the displacement that goes with it.
+    """
+    few = extra.every(max(1, len(extra) // config.retry_points))
+    information = np.linalg.inv(prior.covariance)
+    size = len(prior.covariance)
+
+    def cost(offset: Float[np.ndarray, " k"]) -> float:
+        sums = few(moved_camera(prior.T_world_camera, prior.basis @ offset), config.first_kernel, True)
+        mean = sums.cost / max(sums.num_points, 1.0) + sums.mean_gray_cost
+        return config.information * len(extra) * mean + float(offset @ information @ offset)
+
+    best, lowest = np.zeros(size), np.inf
+    for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
+        deviation = float(np.sqrt(prior.covariance[axis, axis]))
+        if deviation < config.search_least_rad:
+            continue
+        way = prior.covariance[axis] / deviation
+        middle = best
+        for share in np.linspace(-3.0, 3.0, 13).tolist():
+            value = cost(middle + share * way)
+            if value < lowest:
+                best, lowest = middle + share * way, value
+    return moved_camera(prior.T_world_camera, prior.basis @ best)
+
+
 def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:
     """Whether a pose is too far from its prior to be believed of one frame."""
     return found.prior_cost > config.most_prior * len(prior.covariance)
 
 
 def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
-    """Whether a registration may have ended in a false minimum: it costs more than usual, or jumped.
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from
+    its prior.
 
     Args:
         prior: Of the frame.
@@ -197,7 +254,7 @@ def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], conf
     vague = position > config.retry_least_m or rotation > config.retry_least_rad
     usual = float(np.median(costs)) if costs else 0.0
     dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)
-    return dear or is_jump(prior, found, config)
+    return dear or found.prior_cost > config.retry_prior * len(prior.covariance)
 
 
 def register_from_several(
@@ -229,6 +286,7 @@ def register_from_several(
         first: From the prior.
     """
     few = points.every(max(1, len(points) // config.retry_points))
+    few_extra = extra and extra.every(max(1, len(extra) // config.retry_points))
 
     def cost(found: Registration) -> float:
         if is_jump(prior, found, config):
@@ -246,7 +304,7 @@ def register_from_several(
     for _ in range(config.retry_starts):
         offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
         start = moved_camera(prior.T_world_camera, offset)
-        found = register(few, prior, align, known, config, extra, start)
+        found = register(few, prior, align, known, config, few_extra, start)
         value = cost(found)
         if value < lowest:
             best, lowest = found, value

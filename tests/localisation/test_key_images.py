@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import KeyImages, key_image, smoothed_depth
-from anm_mj.localisation.localisation_config import KeyImageConfig
+from anm_mj.localisation.key_images import FrameToImages, KeyImages, coarse_gray_at, key_image, smoothed_depth
+from anm_mj.localisation.localisation_config import KeyImageConfig, RegistrationConfig
+from anm_mj.localisation.registration import PLANAR, Prior, found_by_looks
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
@@ -37,6 +38,55 @@ def test_gauss_newton_finds_the_motion(room: Room, images: KeyImages) -> None:
     assert np.linalg.norm(off[:3]) < 0.002
     assert np.linalg.norm(off[3:]) < 0.001
     assert count > 200
+
+
+def test_exposure_is_no_motion(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.52, 1.48, 0.05, size=128)
+    dark = replace(frame, rgb=(0.9 * frame.rgb).astype(np.uint8))
+    off = []
+    for shot in (frame, dark):
+        points = draw_points(shot, 600, 0.0, 8.0, np.random.default_rng(0))
+        sums = images.equations(images.images[0], points, frame.T_world_camera, 0.0, KERNEL)
+        off.append(np.linalg.solve(sums.hessian, -sums.gradient))
+    assert np.linalg.norm(off[1] - off[0]) < 0.002
+
+
+def test_a_vague_turn_is_found_by_looks(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(key_image(frame, CONFIG.longest_px), points)
+    extra = FrameToImages(images, images.images[:2], points, gray, 0.0)
+    for off in (-0.12, 0.12):
+        T = moved_camera(frame.T_world_camera, np.array([0.0, 0.0, 0.0, 0.0, 0.0, off]))
+        prior = Prior(T, np.diag([0.01, 0.01, 0.08]) ** 2, PLANAR)
+        start = found_by_looks(prior, extra, RegistrationConfig())
+        assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.03
+        # What is well known is not searched for.
+        sure = replace(prior, covariance=np.diag([0.01, 0.01, 0.001]) ** 2)
+        np.testing.assert_array_equal(found_by_looks(sure, extra, RegistrationConfig()), T)
+
+
+def test_coarse_grey_values_are_those_of_a_frame_at_its_own_place(room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    kept = KeyImages(CONFIG)
+    kept.add(frame, 0.0)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(kept.images[0], points)
+    sums = kept.equations(kept.images[0], points, frame.T_world_camera, 0.0, KERNEL, gray)
+    assert sums.mean_gray_cost < 1e-6
+
+
+def test_what_lies_on_no_plane_tells_by_its_looks_alone(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.52, 1.48, 0.05, size=128)
+    points = draw_points(frame, 600, 0.0, 8.0, np.random.default_rng(0))
+    image = images.images[0]
+    edges = replace(image, depth_m=-image.depth_m)
+    sums = images.equations(edges, points, frame.T_world_camera, 0.0, KERNEL)
+    assert sums.num_points == 0.0
+    # Grey values bind the rotation about the vertical.
+    assert sums.hessian[5, 5] > 1e4
+    flat = replace(edges, gray=np.full_like(image.gray, 128))
+    assert not images.equations(flat, points, frame.T_world_camera, 0.0, KERNEL).hessian.any()
 
 
 def test_gradient_is_that_of_the_cost(room: Room, images: KeyImages) -> None:
@@ -71,7 +121,7 @@ def test_the_oldest_that_shows_enough_is_chosen(room: Room, images: KeyImages) -
 def test_the_last_frame_is_preferred_until_it_is_forgotten(room: Room) -> None:
     kept = KeyImages(replace(CONFIG, num_images=1))
     kept.add(room.observe(1.5, 1.5, 0.0, size=128, step=0), 0.0)
-    kept.see(room.observe(1.5, 1.5, 0.3, size=128, step=3), 0.0)
+    kept.see(key_image(room.observe(1.5, 1.5, 0.3, size=128, step=3), CONFIG.longest_px))
     frame = room.observe(1.5, 1.5, 0.35, size=128)
     points = draw_points(frame, 300, 0.0, 8.0, np.random.default_rng(0))
     assert [image.step for image in kept.overlapping(points, frame.T_world_camera)] == [3]
@@ -103,7 +153,7 @@ def test_a_reduced_pixel_keeps_its_ray(size: tuple[int, int], room: Room) -> Non
     factor = math.ceil(max(size) / 32)
     row, col = 3, 5
     source = row * factor + factor // 2, col * factor + factor // 2
-    assert image.depth_m[row, col] == cut.depth_m[source]
+    assert image.depth_m[row, col] == np.float16(cut.depth_m[source])
     assert (col + 0.5 - cx) / fx == pytest.approx((source[1] + 0.5 - camera.cx) / camera.fx)
     assert (row + 0.5 - cy) / fy == pytest.approx((source[0] + 0.5 - camera.cy) / camera.fy)
 
@@ -114,8 +164,7 @@ def test_a_reduced_grey_value_stands_on_its_ray(longest: int, room: Room) -> Non
     ramp = np.broadcast_to(np.arange(128, dtype=np.uint8)[None, :, None], (128, 128, 3))
     image = key_image(replace(frame, rgb=ramp), longest)
     factor = math.ceil(128 / longest)
-    expected = (np.arange(3, 20) * factor + factor // 2) / 255.0
-    np.testing.assert_allclose(image.gray[10, 3:20], expected, atol=1e-5)
+    np.testing.assert_array_equal(image.gray[10, 3:20], np.arange(3, 20) * factor + factor // 2)
 
 
 def test_of_too_many_images_one_of_those_most_alike_goes(room: Room) -> None:
@@ -131,7 +180,8 @@ def test_smoothing_keeps_planes_and_leaves_edges_out(room: Room) -> None:
     noise = 0.004
     noisy = (1.0 / (1.0 / depth + noise * rng.standard_normal(depth.shape))).astype(np.float32)
     smooth = smoothed_depth(noisy, 2, noise)
-    kept = np.isfinite(smooth)
+    kept = smooth > 0.0
+    np.testing.assert_array_equal(smooth[~kept], -noisy[~kept])
     assert 0.6 < kept.mean() < 1.0
     before, after = (np.median(np.abs(1.0 / image[kept] - 1.0 / depth[kept])) for image in (noisy, smooth))
     # Twenty-five pixels, but creases are rounded.
