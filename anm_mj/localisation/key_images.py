@@ -220,7 +220,7 @@ class KeyImages:
         )
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
-        full, slope = turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0)
+        full, slope = turn @ (hessian[0] + hessian[1]) @ turn.T, turn @ (gradient[0] + gradient[1])
         return Sums(
             full, slope, float(facts[0, 0]), float(facts[0, 2]), float(facts[1, 0]) / max(1.0, float(facts[1, 2]))
         )
@@ -262,8 +262,15 @@ class FrameToImages:
 
     def every(self, step: int) -> FrameToImages:
         """The same of each ``step``-th point."""
+        return self._some(self._images, step)
+
+    def glance(self, num_points: int) -> FrameToImages:
+        """The same of about so many points, with the latest image alone."""
+        return self._some(self._images[-1:], max(1, len(self) // num_points))
+
+    def _some(self, images: list[KeyImage], step: int) -> FrameToImages:
         gray = np.ascontiguousarray(self._coarse_gray[::step])
-        return FrameToImages(self._kept, self._images, self._points.every(step), gray, self._noise_per_m)
+        return FrameToImages(self._kept, images, self._points.every(step), gray, self._noise_per_m)
 
 
 def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, " n"]:

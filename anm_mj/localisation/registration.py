@@ -64,6 +64,10 @@ class Extra(Protocol):
         """The same of each ``step``-th of its points."""
         ...
 
+    def glance(self, num_points: int) -> Extra:
+        """The same of about so many points, compared with one frame alone."""
+        ...
+
 
 Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
 """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
@@ -212,7 +216,7 @@ def found_by_looks(prior: Prior, extra: Extra, config: RegistrationConfig) -> Fl
     A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
     turn, with the displacement that goes with it.
     """
-    few = extra.every(max(1, len(extra) // config.retry_points))
+    few = extra.glance(config.retry_points)
     information = np.linalg.inv(prior.covariance)
     size = len(prior.covariance)
 
