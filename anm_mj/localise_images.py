@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -159,7 +159,7 @@ def write_poses(out: Path, path: Path, images: Path, poses: list[ImagePose], err
         RunFolderError: The folder is not empty, or cannot be written.
     """
     empty_folder(out)
-    found = list(_found(poses))
+    found = [(pose.time_s, T) for pose in poses if (T := pose.T_world_camera) is not None]
     facts: dict[str, Any] = {"run": str(path), "images": str(images), "frames": len(poses), "found": len(found)}
     shares = ("lost_percent", "unmapped_percent")
     facts |= {} if error is None else {key: value for key, value in asdict(error).items() if key not in shares}
@@ -172,12 +172,6 @@ def require_new(out: Path) -> None:
     """Raises RunFolderError where there is something already."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RunFolderError(f"{out} exists and is not empty; choose another folder.")
-
-
-def _found(poses: list[ImagePose]) -> Iterator[tuple[float, Float[np.ndarray, "4 4"]]]:
-    for pose in poses:
-        if pose.T_world_camera is not None:
-            yield pose.time_s, pose.T_world_camera
 
 
 def _tilts(run: Run) -> list[Float[np.ndarray, "4 4"]]:

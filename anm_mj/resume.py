@@ -94,7 +94,7 @@ def resume(
         _require_same_world(folder, parts)
         _require_same_settings(folder, stored, parts)
         say_other_engine(stored, parts.mapper.backend.name)
-        lost = _num_lines(folder.steps) - stored.step
+        lost = len(read_jsonl(folder.steps)) - stored.step
         state = state or LoopState()
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
@@ -164,7 +164,3 @@ def _require_same_settings(folder: RunFolder, stored: StoredState, parts: Parts)
             f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
             "that back, or start a new run."
         )
-
-
-def _num_lines(path: Path) -> int:
-    return len(read_jsonl(path))

@@ -134,7 +134,9 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
         for name in sweep.scenes:
             scene = _scene(path, name, provided.get(name))
             _check_names(scene, scenes.setdefault(file_name(scene.name), scene))
-            robots = [_beside(path, robot) for robot in sweep.robot]
+            # A robot's file may lie beside the comparison's.
+            files = {robot: path.parent / robot for robot in sweep.robot}
+            robots = [str(file.resolve()) if os.path.isfile(file) else robot for robot, file in files.items()]
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
                 robot_path(job.robot)
@@ -159,11 +161,6 @@ def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) 
         return find_imported(entry)
     beside = path.parent / name
     return load_scene(str(beside) if os.path.isfile(beside / "scene.toml") else name)
-
-
-def _beside(path: Path, name: str) -> str:
-    """The file of this name beside the comparison's file, if there is one, else the name."""
-    return str((path.parent / name).resolve()) if os.path.isfile(path.parent / name) else name
 
 
 def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | ImportedScene]]:

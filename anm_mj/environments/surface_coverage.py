@@ -17,7 +17,6 @@ from anm_mj import _native
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
-from anm_mj.ground_truth.reduced_depth import back_project_reduced, reduce_depth
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Observation, Pose2
 
@@ -74,21 +73,12 @@ class IncrementalCoverage:
         """Fraction of the samples covered so far, in [0, 1]."""
         return self._num_covered / len(self._covered)
 
-    def add(
-        self,
-        depth_m: Float32[np.ndarray, "h w"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
-    ) -> float:
-        """Add a frame of planar depth [m], NaN without a hit.
+    def add(self, points: Float[np.ndarray, "m 3"]) -> float:
+        """Add the points of a frame's reduced depth, world [m].
 
         Returns:
             Fraction of the samples that this frame is the first to cover within 5 cm, in [0, 1].
         """
-        return self.add_points(back_project_reduced(reduce_depth(depth_m), intrinsics, T_world_camera))
-
-    def add_points(self, points: Float[np.ndarray, "m 3"]) -> float:
-        """As :meth:`add`, of the points of a frame, world [m]."""
         grid = self._grid
         new = _native.cover_samples(
             np.ascontiguousarray(points, np.float64),

@@ -19,7 +19,7 @@ from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import wrap_angle
-from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
+from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced, reduce_depth
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
@@ -214,7 +214,8 @@ class ExploreTask(control.Task):
     def _add_view(self, physics: RobotPhysics) -> None:
         view, true = self._view, physics.robot.true_view()
         self._true = true
-        new = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
+        points = back_project_reduced(reduce_depth(true.depth_m), view.intrinsics, true.T_world_camera)
+        new = self._covered.add(points)
         if self._map is not None:
             self._map.add(view)
         self._last_reward = self.reward.of_view(new)

@@ -9,7 +9,7 @@ their maps as wholes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -104,7 +104,9 @@ def evaluate_fixed_views(
 
 def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:
     """The views as the simulator renders them, and as the cache holds them."""
-    poses = list(islice(_poses(scene), num_views))
+    places = scene_area(scene, FOOTPRINT).places(1)
+    candidates = candidate_poses(places, int(scene.hash[:8], 16))
+    poses = list(islice((pose for pose in candidates if is_clear(scene, pose, FOOTPRINT)), num_views))
     seen = list(observe_at(scene, poses, VIEW_PX))
     camera = seen[0].intrinsics
     depth_mm = np.stack([np.nan_to_num(view.depth_m * 1000.0, nan=0.0, posinf=0.0) for view in seen])
@@ -117,14 +119,6 @@ def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:
         np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
     )
     return dict(zip(_ARRAYS, arrays, strict=True))
-
-
-def _poses(scene: Scene) -> Iterator[Pose2]:
-    """Poses at which the robot can stand, in an order that the scene alone decides."""
-    places = scene_area(scene, FOOTPRINT).places(1)
-    for pose in candidate_poses(places, int(scene.hash[:8], 16)):
-        if is_clear(scene, pose, FOOTPRINT):
-            yield pose
 
 
 def _key(scene: Scene, num_views: int) -> str:

@@ -228,11 +228,7 @@ def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, i
     first = run.frames[0]
     if scene.hash != run.manifest.get("scene_hash"):
         return truth
-    camera = CameraExtrinsics.of_view(run.intrinsics, first.T_true_camera, first.true_pose, _range_m(run))
+    range_m = float(run.config.get("sensor", {}).get("max_range_m", 0.0)) or math.inf
+    camera = CameraExtrinsics.of_view(run.intrinsics, first.T_true_camera, first.true_pose, range_m)
     found = cached_ground_truth(scene, DEFAULT_FOOTPRINT, camera, first.true_pose, on_progress, len(truth.samples))
     return found if np.array_equal(found.samples, truth.samples) else truth
-
-
-def _range_m(run: Run) -> float:
-    """Largest depth that the run's sensor measures [m]; +inf where it sets no limit."""
-    return float(run.config.get("sensor", {}).get("max_range_m", 0.0)) or math.inf

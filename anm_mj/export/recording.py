@@ -20,7 +20,7 @@ from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.write import writing
 from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline
-from anm_mj.types import Intrinsics, VoronoiGraph
+from anm_mj.types import Intrinsics
 from anm_mj.viz import palette
 
 FLOAT32 = 7
@@ -109,7 +109,8 @@ def _write_image(run: Run, frame: FrameRecord, camera: Intrinsics, write: Write)
 def _scene(plan: PlanRecord, stamp: dict[str, int]) -> dict[str, Any]:
     lines = []
     if plan.graph is not None:
-        lines.append(_line(LINE_LIST, _graph_points(plan.graph), palette.GRAPH, 0.025))
+        ends_xy_m = plan.graph.vertex_xy_m[plan.graph.edges].reshape(-1, 2)
+        lines.append(_line(LINE_LIST, ends_xy_m, palette.GRAPH, 0.025))
     if len(plan.path_xy_m):
         lines.append(_line(LINE_STRIP, plan.path_xy_m, palette.PATH, 0.05))
     entity = {
@@ -121,10 +122,6 @@ def _scene(plan: PlanRecord, stamp: dict[str, int]) -> dict[str, Any]:
         "lines": lines,
     }
     return {"deletions": [], "entities": [entity]}
-
-
-def _graph_points(graph: VoronoiGraph) -> np.ndarray:
-    return graph.vertex_xy_m[graph.edges].reshape(-1, 2)
 
 
 def _line(kind: int, xy_m: np.ndarray, colour: str, thickness_m: float) -> dict[str, Any]:

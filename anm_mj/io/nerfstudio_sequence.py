@@ -67,7 +67,8 @@ def read_nerfstudio(folder: Path) -> Sequence:
     bent = _distortion(folder, facts, shape.camera_model)
     require_count(len(facts["frames"]))
     frames, entries = [], []
-    for index, entry in enumerate(_ordered(facts["frames"])):
+    ordered = sorted(facts["frames"], key=lambda frame: in_number_order(frame["file_path"]))
+    for index, entry in enumerate(ordered):
         if entry.get("depth_file_path") is None:
             continue
         matrix = np.array(entry["transform_matrix"], dtype=np.float64) @ T_GL_CV
@@ -99,10 +100,6 @@ def read_nerfstudio(folder: Path) -> Sequence:
         distortion=bent,
         left_out=left_out,
     )
-
-
-def _ordered(frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return sorted(frames, key=lambda frame: in_number_order(frame["file_path"]))
 
 
 def _distortion(folder: Path, facts: dict[str, Any], model: str) -> LensDistortion | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from anm_mj.io.run_records import FrameRecord, StepRecord
 
@@ -25,7 +24,8 @@ def contradictions(frames: Sequence[FrameRecord], steps: Sequence[StepRecord]) -
             "as far as it goes. Copy the run again."
         )
     numbers = [frame.step for frame in frames]
-    believed, true = (np.array([T[:3, 3] for T in matrices]) for matrices in _cameras(frames))
+    believed = np.array([frame.T_world_camera[:3, 3] for frame in frames])
+    true = np.array([frame.T_true_camera[:3, 3] for frame in frames])
     base = np.array([(frame.pose.x_m, frame.pose.y_m) for frame in frames])
     true_base = np.array([(frame.true_pose.x_m, frame.true_pose.y_m) for frame in frames])
     for camera, robot in ((believed, base), (true, true_base)):
@@ -40,7 +40,3 @@ def contradictions(frames: Sequence[FrameRecord], steps: Sequence[StepRecord]) -
             at = int(moved_m.argmax())
             yield f"in frames.jsonl, step {numbers[at + 1]} is {moved_m[at]:.4g} m from step {numbers[at]}."
             return
-
-
-def _cameras(frames: Sequence[FrameRecord]) -> tuple[list[Float[np.ndarray, "4 4"]], list[Float[np.ndarray, "4 4"]]]:
-    return [frame.T_world_camera for frame in frames], [frame.T_true_camera for frame in frames]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from skimage.measure import marching_cubes
 
+from anm_mj.mapping.lattice import Cells
 from anm_mj.types import SdfQuery
 
 _MERGE_M = 1e-4
@@ -15,24 +16,19 @@ _KEY_BITS = 21
 
 
 def active_cells(
-    occupied: Bool[np.ndarray, "x y z"],
-    corner: Int64[np.ndarray, "3"],
-    first: Int64[np.ndarray, "3"],
-    end: Int64[np.ndarray, "3"],
-    ratio: float,
-    reach: float,
+    occupied: Cells, first: Int64[np.ndarray, "3"], end: Int64[np.ndarray, "3"], ratio: float, reach: float
 ) -> Bool[np.ndarray, "cx cy cz"]:
     """Which cells of a lattice have an occupied voxel within ``reach`` of them along every axis.
 
     Args:
-        occupied: Voxels; the centre of voxel (i, j, k) lies at ``corner + (i, j, k)`` voxel edges.
-        corner: Index of voxel [0, 0, 0].
+        occupied: Which voxels, and the index of the first one; the centre of voxel (i, j, k) lies that many voxel edges
+            from it.
         first: Index of the first cell; cell (i, j, k) spans ``[i, i + 1] * ratio`` voxel edges along x, and so on.
         end: Index after the last cell.
         ratio: Edge of a cell in voxel edges.
         reach: Distance in voxel edges.
     """
-    cells = occupied
+    cells, corner = occupied
     for axis in range(3):
         index = np.arange(first[axis], end[axis])
         low = np.rint(index * ratio - reach).astype(np.int64) - corner[axis]

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64, UInt8
+from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.lattice import Cells
 from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.surface import REACH_VOXELS
@@ -83,8 +84,8 @@ class MeshExtractor:
             fingerprint = (stamp, int(np.count_nonzero(voxels)))
             piece = known.get(place)
             if piece is None or piece.fingerprint != fingerprint:
-                corner = low + self._occupancy.voxels.corner
-                piece = _Piece(fingerprint, self._triangles(sdf, rgb, voxels, corner, place, resolution_m))
+                inside = voxels, low + self._occupancy.voxels.corner
+                piece = _Piece(fingerprint, self._triangles(sdf, rgb, inside, place, resolution_m))
             self._pieces[place] = piece
         self._resolution_m = resolution_m
         return _joined([piece.triangles for piece in self._pieces.values()])
@@ -102,19 +103,13 @@ class MeshExtractor:
         return sorted(last.items())
 
     def _triangles(
-        self,
-        sdf: SdfQuery,
-        rgb: RgbQuery,
-        occupied: Bool[np.ndarray, "x y z"],
-        corner: Int64[np.ndarray, "3"],
-        place: tuple[int, int, int],
-        resolution_m: float,
+        self, sdf: SdfQuery, rgb: RgbQuery, occupied: Cells, place: tuple[int, int, int], resolution_m: float
     ) -> Triangles:
         """Triangles of the lattice cells whose lowest corner lies in a part of space."""
         edge = self._occupancy.config.voxel_m
         bounds = (np.array([place, np.array(place) + 1]) * _PIECE_VOXELS - 0.5) * (edge / resolution_m)
         first, end = np.ceil(bounds - 1e-9).astype(np.int64)
-        cells = active_cells(occupied, corner, first, end, resolution_m / edge, REACH_VOXELS)
+        cells = active_cells(occupied, first, end, resolution_m / edge, REACH_VOXELS)
         vertices, faces = march(sdf, cells, first, resolution_m)
         observed = self._occupancy.near_occupied(vertices, REACH_VOXELS * edge)
         vertices, faces = remove_unreferenced(vertices, faces[observed[faces].all(axis=1)])

@@ -104,7 +104,9 @@ class ScanGrid:
         end_m, hit = self._beams(observation)
         # Beams are planes of constant azimuth, as image columns are where the camera is level.
         level = _level(observation.T_world_camera[:3, :3])
-        columns = pixel_directions(_middle_row(observation.intrinsics))[0] @ level.T
+        camera = observation.intrinsics
+        horizon = Intrinsics(camera.width, 1, camera.fx, camera.fy, camera.cx, 0.5)
+        columns = pixel_directions(horizon)[0] @ level.T
         directions = columns[:, :2] / np.linalg.norm(columns[:, :2], axis=1, keepdims=True)
         ends_xy_m = camera_xy_m + directions * end_m[:, None]
         hits_xy_m = _between_hits(ends_xy_m, hit)
@@ -265,8 +267,3 @@ def _by_column(
     np.minimum.at(nearest, column, nearest_m[inside])
     np.maximum.at(seen, column, np.nan_to_num(seen_m[inside]))
     return nearest, seen
-
-
-def _middle_row(intrinsics: Intrinsics) -> Intrinsics:
-    """The camera reduced to one row of pixels, the horizon."""
-    return Intrinsics(intrinsics.width, 1, intrinsics.fx, intrinsics.fy, intrinsics.cx, 0.5)

@@ -100,11 +100,6 @@ class RobotKinematics(_Kinematics):
         return model
 
     @property
-    def pinocchio_model(self) -> pin.Model:
-        """Pinocchio's model; a configuration is x, y, z, quaternion xyzw, left and right wheel angle."""
-        return self._model
-
-    @property
     def wheel_radius_m(self) -> float:
         """Rolling radius of the wheels: the height of their axle above the floor [m]."""
         return self._wheel_radius_m

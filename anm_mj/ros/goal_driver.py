@@ -62,7 +62,7 @@ class GoalDriver:
             if math.dist(pose.xy_m, moved_at.xy_m) > 0.01 or abs(wrap_angle(pose.yaw_rad - moved_at.yaw_rad)) > 0.02:
                 moved_at, since = pose, time.monotonic()
             told, rests_s = self._navigation.told, time.monotonic() - since
-            if told.is_over or (rests_s > _RESTS_S and self._left_m() < _NEAR_M):
+            if told.is_over or (rests_s > _RESTS_S and math.dist(self._in_map().xy_m, self._goal.xy_m) < _NEAR_M):
                 turns, self._serves = isinstance(self._serves, int), None
                 if turns and (told.reached or not told.is_over):
                     # One quarter is done, and the action wants to turn on.
@@ -101,9 +101,6 @@ class GoalDriver:
 
     def _last(self) -> Pose2:
         return self._poses.base(self._poses.latest_s) or Pose2(0.0, 0.0, 0.0)
-
-    def _left_m(self) -> float:
-        return math.dist(self._in_map().xy_m, self._goal.xy_m)
 
     def _in_map(self) -> Pose2:
         """Where the robot is in the map: its last estimate there, and what the odometry has measured since."""

@@ -131,7 +131,8 @@ class Poses:
         """The frame of the base on the floor."""
         if self._base_frame:
             return self._base_frame
-        return FOOTPRINT if FOOTPRINT in self._tree.parents or FOOTPRINT in self._all_parents() else self._child
+        frames = set(self._tree.parents).union(*self._tree.parents.values())
+        return FOOTPRINT if FOOTPRINT in frames else self._child
 
     @property
     def odometry_frame(self) -> str:
@@ -140,9 +141,6 @@ class Poses:
             if not self._root and self.base_frame in self._tree.parents:
                 self._root = self._tree.chain(self.base_frame)[-1]
             return self._root or ODOM
-
-    def _all_parents(self) -> set[str]:
-        return {parent for parents in self._tree.parents.values() for parent in parents}
 
     def _moving(self) -> Track | None:
         if self.source != TREE:

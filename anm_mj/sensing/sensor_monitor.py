@@ -147,7 +147,8 @@ class SensorMonitor:
             observation, faulty = _blank(observation, self._camera), True
         has_depth = bool(is_measured(observation.depth_m).any())
         if has_depth and not faulty:
-            self._farthest_m = max(self._farthest_m, _far_m(observation))
+            measured_m = observation.depth_m[is_measured(observation.depth_m)]
+            self._farthest_m = max(self._farthest_m, float(np.quantile(measured_m, 0.99)))
         # A frame that was blanked here counts once, for its own reason.
         self._count(NOTHING, has_depth or faulty, observation)
         nothing = not (has_depth or faulty)
@@ -218,12 +219,6 @@ def _is_same_image(a: Observation, b: Observation) -> bool:
     if not np.array_equal(a.rgb[:8], b.rgb[:8]):
         return False
     return np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth_m, b.depth_m, equal_nan=True)
-
-
-def _far_m(observation: Observation) -> float:
-    """A depth that a hundredth of the measured pixels exceed [m]."""
-    depth_m = observation.depth_m
-    return float(np.quantile(depth_m[is_measured(depth_m)], 0.99))
 
 
 def _has_pose(observation: Observation) -> bool:

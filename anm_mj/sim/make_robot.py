@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,6 @@ from anm_mj.utils.threads import usual_num_threads
 
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
-    from anm_mj.sim.camera import Camera
     from anm_mj.sim.sensors.sensor_config import SensorConfig
     from anm_mj.sim.sim_robot import SimRobot
 
@@ -78,6 +76,7 @@ def make_robot(
     from anm_mj.people.walking_floor import WalkingFloor
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
+    from anm_mj.sim.ahead_camera import AheadCamera
     from anm_mj.sim.camera_factory import make_camera
     from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
@@ -113,10 +112,11 @@ def make_robot(
         wheels.move_among(crowd, Figures(model, crowd))
     camera_name = _PREFIX + description.camera
     width, height = config.camera.image_size(config.image_px)
-    imager = _imager(
-        lambda: make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend),
-        anticipates and config.drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1,
-    )
+    make = functools.partial(make_camera, model, camera_name, width, height, cull_face=scene.cull_face, backend=backend)
+    if anticipates and config.drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1:
+        imager = AheadCamera(make)
+    else:
+        imager = make()
     if forgets_textures and imager.kind == GlCamera.kind:
         forget_content(model.tex_data)
     T_base_camera = description.T_base_camera if config.pose != "true" else None
@@ -133,13 +133,6 @@ def make_robot(
         knows_start=knows_start,
         crowd=crowd,
     )
-
-
-def _imager(make: Callable[[], Camera], anticipates: bool) -> Camera:
-    """The camera, in a thread of its own where it is to render ahead."""
-    from anm_mj.sim.ahead_camera import AheadCamera
-
-    return AheadCamera(make) if anticipates else make()
 
 
 def _require_range(sensor: SensorConfig, far_m: float) -> None:

@@ -12,11 +12,6 @@ _lock = threading.Lock()
 _lent = 0
 
 
-def num_lent() -> int:
-    """How many cores are lent by now."""
-    return _lent
-
-
 @contextmanager
 def lent_core() -> Iterator[None]:
     """While this goes on, another thread computes on one of the cores; the native engine does with one less."""

@@ -20,8 +20,8 @@ def page_program(*names: str) -> str:
 
 
 def filled(name: str, parts: dict[str, str]) -> str:
-    """A page with its parts in the places of ``@NAME@``; what stands in a part stays as it is."""
-    page, *rest = page_asset(name).split("@")
+    """A page below the head of all, its parts in the places of ``@NAME@``; what stands in a part stays as it is."""
+    page, *rest = (page_asset("head.html") + page_asset(name)).split("@")
     for k, piece in enumerate(rest):
         page += parts[piece] if k % 2 == 0 else piece
     return page

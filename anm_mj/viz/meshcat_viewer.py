@@ -77,6 +77,7 @@ class MeshcatViewer:
         self, port: int | None = None, title: str = "anm-mj", is_ending: Callable[[], bool] = lambda: False
     ) -> None:
         parts = {
+            "TITLE": "anm-mj",
             "STYLE": page_asset("style.css"),
             "DATA": script_json(LEGEND),
             "PROGRAM": page_program("theme.js", "curve.js", "live.js"),

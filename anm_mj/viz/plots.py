@@ -84,7 +84,7 @@ def topdown_figure(
     if topdown.no_floor is not None and topdown.no_floor.any():
         space.insert(1, ("no floor", palette.NO_FLOOR))
     figure.legend(
-        [_FreeSpace(), *(_swatch(colour) for _, colour in space), *drawn],
+        [_FreeSpace(), *(Patch(fc=colour, ec=EDGE, lw=0.6) for _, colour in space), *drawn],
         [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
         loc="outside lower center",
         ncols=4,
@@ -179,10 +179,6 @@ class _FreeSpaceSwatch(HandlerBase):
         ]
         drawn.append(Rectangle((-xdescent, -ydescent), width, height, fc="none", ec=EDGE, lw=0.6, transform=trans))
         return drawn
-
-
-def _swatch(colour: str) -> Patch:
-    return Patch(fc=colour, ec=EDGE, lw=0.6)
 
 
 def _draw_changes(axes: Axes, changes: Sequence[SurfaceChange]) -> None:

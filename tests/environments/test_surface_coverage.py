@@ -11,9 +11,13 @@ from anm_mj import _native
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.ground_truth.ground_truth import COVERED_M
-from anm_mj.ground_truth.reduced_depth import reduce_depth
+from anm_mj.ground_truth.reduced_depth import back_project_reduced, reduce_depth
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import CAMERA, observe, room_truth
+
+
+def points(depth_m, intrinsics, T_world_camera):
+    return back_project_reduced(reduce_depth(depth_m), intrinsics, T_world_camera)
 
 
 def test_increments_match_the_coverage():
@@ -23,7 +27,7 @@ def test_increments_match_the_coverage():
     for i in range(8):
         observation = observe(i, Pose2(-1.0 + 0.2 * i, 0.3, math.radians(50.0 * i)))
         frame = (observation.intrinsics, observation.T_world_camera)
-        new = covered.add(observation.depth_m, *frame)
+        new = covered.add(points(observation.depth_m, *frame))
         coverage.add(reduce_depth(observation.depth_m), *frame)
         total += new
         assert new >= 0.0
@@ -37,7 +41,7 @@ def test_observable_samples():
     observable = truth.samples[:, 2] > 1.0
     coverage, covered = Coverage(truth.samples, observable), IncrementalCoverage(SampleGrid(truth.samples[observable]))
     observation = observe(0, Pose2(0.0, 0.0, 0.4))
-    covered.add(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+    covered.add(points(observation.depth_m, observation.intrinsics, observation.T_world_camera))
     coverage.add(reduce_depth(observation.depth_m), observation.intrinsics, observation.T_world_camera)
     assert covered.fraction == pytest.approx(coverage.completion().observable_ratio_percent / 100.0, abs=1e-12)
 
@@ -53,7 +57,7 @@ def test_random_frames():
         T_world_camera = np.eye(4)
         T_world_camera[:3, :3] = rotation * np.sign(np.linalg.det(rotation))
         T_world_camera[:3, 3] = random.uniform(-3.0, 3.0, 3)
-        covered.add(depth_m, camera, T_world_camera)
+        covered.add(points(depth_m, camera, T_world_camera))
         coverage.add(reduce_depth(depth_m), camera, T_world_camera)
         assert covered.fraction == pytest.approx(coverage.completion().ratio_percent / 100.0, abs=1e-12)
     assert covered.fraction > 0.01
@@ -63,8 +67,8 @@ def test_the_same_frame_again_is_worth_nothing():
     covered = IncrementalCoverage(SampleGrid(room_truth().samples))
     observation = observe(0, Pose2(0.0, 0.0, 0.0))
     frame = (observation.depth_m, observation.intrinsics, observation.T_world_camera)
-    assert covered.add(*frame) > 0.1
-    assert covered.add(*frame) == 0.0
+    assert covered.add(points(*frame)) > 0.1
+    assert covered.add(points(*frame)) == 0.0
 
 
 def test_frames_without_coverage():
@@ -72,8 +76,8 @@ def test_frames_without_coverage():
     nothing = np.full((CAMERA.height, CAMERA.width), np.nan, np.float32)
     far = np.eye(4)
     far[:3, 3] = 500.0
-    assert covered.add(nothing, CAMERA, np.eye(4)) == 0.0
-    assert covered.add(np.ones_like(nothing), CAMERA, far) == 0.0
+    assert covered.add(points(nothing, CAMERA, np.eye(4))) == 0.0
+    assert covered.add(points(np.ones_like(nothing), CAMERA, far)) == 0.0
     assert covered.fraction == 0.0
 
 
@@ -93,10 +97,10 @@ def test_covered_samples_are_those_of_all_pairs(seed: int, spread: float, flat: 
         off = everywhere[:, None] - points[None]
         squared = off[:, :, 0] ** 2 + off[:, :, 1] ** 2 + off[:, :, 2] ** 2
         near = np.sqrt(squared.min(axis=1, initial=np.inf)) < COVERED_M
-        assert coverage.add_points(points) == np.count_nonzero(near & ~covered) / len(samples)
+        assert coverage.add(points) == np.count_nonzero(near & ~covered) / len(samples)
         covered |= near
-    assert coverage.add_points(everywhere) == np.count_nonzero(~covered) / len(samples)
-    assert coverage.add_points(everywhere) == 0.0
+    assert coverage.add(everywhere) == np.count_nonzero(~covered) / len(samples)
+    assert coverage.add(everywhere) == 0.0
     assert coverage.fraction == 1.0
 
 

@@ -23,7 +23,7 @@ _POSES = [Pose2(0.0, 0.0, 0.0), Pose2(1.5, -2.0, 2.5), Pose2(-3.0, 0.4, -1.1)]
 
 def differences(path: Path) -> dict[str, float]:
     """How far the two libraries' readings of a robot are apart: what is there, how heavy it is and where it stands."""
-    robot, model = RobotKinematics(path).pinocchio_model, mujoco.MjModel.from_xml_path(str(path))
+    robot, model = pin.buildModelFromMJCF(str(path)), mujoco.MjModel.from_xml_path(str(path))
     data, robot_data = mujoco.MjData(model), robot.createData()
     if (robot.nq, robot.nv) != (model.nq, model.nv):
         return {"number of joints": math.inf}

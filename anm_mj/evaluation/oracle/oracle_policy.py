@@ -138,14 +138,12 @@ class Oracle:
                     covered = 100.0 * (1.0 - left.mean())
                     reason = f"tour: {covered:.1f} % covered, {len(self._stops)} stops left"
                     return Plan(reason, np.zeros((0, 2)), actions=actions)
-            self._stops = self._planner.next_tour(pose, left, self._steps_left())
+            # One frame came before the first action, and one after each.
+            budget = max(self._scene.budget_steps - self._num_frames + 1, 0)
+            self._stops = self._planner.next_tour(pose, left, budget)
             self._place = self._planner.place_at(pose)
             if not self._stops:
                 return Plan("nothing left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
-
-    def _steps_left(self) -> int:
-        """The rest of the budget: one frame came before the first action, and one after each."""
-        return max(self._scene.budget_steps - self._num_frames + 1, 0)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Avoid the spot ahead and replan; retry the stop once, then skip it."""

@@ -32,6 +32,8 @@ MAX_PLACES = 400
 CHUNK = 1 << 16
 """Pairs of a place and a sample processed together; bounds the memory."""
 SEED = 0
+_Pairs = tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]
+"""Indices of places, and of the samples to look at from them."""
 
 
 def select_places(
@@ -47,7 +49,7 @@ def select_places(
     cells = spread_places(area.reachable, max(1, round(SPACING_M / area.resolution_m)), area.clearance_m)
     places_m = area.cell_centres(cells)
     place, sample = _pairs(samples, places_m)
-    visible = _visible(samples, places_m.astype(np.float32), place, sample, rays)
+    visible = _visible(samples, places_m.astype(np.float32), (place, sample), rays)
     shows = csr_array(
         (np.ones(np.count_nonzero(visible), np.int32), (place[visible], sample[visible])),
         shape=(len(cells), len(samples)),
@@ -86,7 +88,7 @@ def exact_bits(
         shown = np.zeros((len(some), NUM_HEADINGS, words * WORD), bool)
         far_m = np.linalg.norm(some[:, None] - samples[None, :, :2], axis=2)
         place, sample = np.nonzero(far_m < FAR_M)
-        visible = _visible(samples, some, place, sample, rays)
+        visible = _visible(samples, some, (place, sample), rays)
         place, sample = place[visible], sample[visible]
         towards = rays.yaw_towards(samples[sample, :2] - some[place])
         for aside in rays.yaws_aside:
@@ -103,10 +105,8 @@ def exact_bits(
     return bits
 
 
-def _pairs(
-    samples: Float32[np.ndarray, "n 3"], places_m: Float[np.ndarray, "p 2"]
-) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Pairs of place and sample to try, ring by ring: the indices of both."""
+def _pairs(samples: Float32[np.ndarray, "n 3"], places_m: Float[np.ndarray, "p 2"]) -> _Pairs:
+    """Pairs to try, ring by ring."""
     order = np.random.default_rng(SEED).permutation(len(places_m))
     place, sample = list[Int[np.ndarray, " j"]](), list[Int[np.ndarray, " j"]]()
     for ring in range(math.ceil(math.log2(FAR_M / RING_M)) + 1):
@@ -121,13 +121,10 @@ def _pairs(
 
 
 def _visible(
-    samples: Float32[np.ndarray, "n 3"],
-    places_m: Float32[np.ndarray, "p 2"],
-    place: Int[np.ndarray, " k"],
-    sample: Int[np.ndarray, " k"],
-    rays: PixelRays,
+    samples: Float32[np.ndarray, "n 3"], places_m: Float32[np.ndarray, "p 2"], pairs: _Pairs, rays: PixelRays
 ) -> Bool[np.ndarray, " k"]:
     """Whether each sample is visible from its place, the camera turned towards it."""
+    place, sample = pairs
     visible = np.zeros(len(place), bool)
     for begin in range(0, len(place), CHUNK):
         part = slice(begin, begin + CHUNK)

@@ -113,13 +113,14 @@ class TorchBackend(TensorBackend):
         """The SDF s and colours under ``k`` sets of decoder weights; see the base class."""
         s_out = np.empty((len(decoders), len(points_m)), np.float32)
         rgb_out = np.empty((len(decoders), len(points_m), 3), np.float32)
-        weight_sets = [self._split_decoders(row) for row in decoders]
+        shapes = decoder_shapes(self.config.field)
+        weight_sets = [{n: self._tensor(part) for n, part in split_flat(row, shapes).items()} for row in decoders]
         for rows, points in self._chunks(points_m):
             features, blob = self.field.encode(points)
-            for k, (in_sdf, out_sdf, in_color, out_color) in enumerate(weight_sets):
-                outputs = decode_sdf(in_sdf, out_sdf, features, blob)
+            for k, weights in enumerate(weight_sets):
+                outputs = decode_sdf(weights, features, blob)
                 s_out[k, rows] = outputs[:, 0].cpu().numpy()
-                rgb_out[k, rows] = decode_color(in_color, out_color, blob, outputs[:, 1:]).cpu().numpy()
+                rgb_out[k, rows] = decode_color(weights, blob, outputs[:, 1:]).cpu().numpy()
         return s_out, rgb_out
 
     def parameters(self) -> Parameters:
@@ -142,6 +143,3 @@ class TorchBackend(TensorBackend):
         features, blob = self.field.encode(points)
         outputs = self.field.decode_sdf(features, blob)
         return outputs[:, 0], self.field.decode_color(blob, outputs[:, 1:])
-
-    def _split_decoders(self, weights: Float32[np.ndarray, " weights"]) -> list[Tensor]:
-        return [self._tensor(part) for part in split_flat(weights, decoder_shapes(self.config.field)).values()]

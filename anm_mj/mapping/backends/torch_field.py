@@ -6,7 +6,7 @@ truncation distance: 1 in free space, 0 on the surface.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from jaxtyping import Float
@@ -50,23 +50,20 @@ class TorchField(torch.nn.Module):
         self, features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
     ) -> Float[Tensor, "n outputs"]:
         """The SDF s in column 0 and the geometry features in the others."""
-        return decode_sdf(self.decoders["sdf_hidden"], self.decoders["sdf_out"], features, blob)
+        return decode_sdf(self.decoders, features, blob)
 
     def decode_color(
         self, blob: Float[Tensor, "n blob"], geometry: Float[Tensor, "n geometry"]
     ) -> Float[Tensor, "n 3"]:
         """Red, green, blue in [0, 1]."""
-        return decode_color(self.decoders["color_hidden"], self.decoders["color_out"], blob, geometry)
+        return decode_color(self.decoders, blob, geometry)
 
 
 def decode_sdf(
-    hidden: Float[Tensor, "hidden inputs"],
-    out: Float[Tensor, "outputs hidden"],
-    features: Float[Tensor, "n features"],
-    blob: Float[Tensor, "n blob"],
+    decoders: Mapping[str, Tensor], features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
 ) -> Float[Tensor, "n outputs"]:
     """The SDF decoder with given weights."""
-    return sdf_hidden(hidden, features, blob) @ out.t()
+    return sdf_hidden(decoders["sdf_hidden"], features, blob) @ decoders["sdf_out"].t()
 
 
 def sdf_hidden(
@@ -79,15 +76,12 @@ def sdf_hidden(
 
 
 def decode_color(
-    hidden: Float[Tensor, "hidden inputs"],
-    out: Float[Tensor, "3 hidden"],
-    blob: Float[Tensor, "n blob"],
-    geometry: Float[Tensor, "n geometry"],
+    decoders: Mapping[str, Tensor], blob: Float[Tensor, "n blob"], geometry: Float[Tensor, "n geometry"]
 ) -> Float[Tensor, "n 3"]:
     """The colour decoder with given weights; the sigmoid keeps colours in [0, 1]."""
-    split = blob.shape[1]
+    hidden, split = decoders["color_hidden"], blob.shape[1]
     joined = torch.addmm(blob @ hidden[:, :split].t(), geometry, hidden[:, split:].t())
-    return torch.sigmoid(torch.relu(joined) @ out.t())
+    return torch.sigmoid(torch.relu(joined) @ decoders["color_out"].t())
 
 
 def sensitivity(

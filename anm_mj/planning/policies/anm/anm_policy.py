@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
@@ -99,7 +99,8 @@ class Anm(ScanPolicy):
         if not len(points):
             return []
         top = uncertainty >= np.percentile(uncertainty, self.config.percentile)
-        labels = _clusters(points[top].astype(float), self.config.link_m)
+        links = KDTree(points[top].astype(float)).query_pairs(self.config.link_m, output_type="ndarray")
+        labels = connected_components(links, int(top.sum()))
         found = []
         for label in np.flatnonzero(np.bincount(labels) >= max(self.config.min_share * len(labels), 2)):
             mine = labels == label
@@ -116,11 +117,6 @@ class Anm(ScanPolicy):
     def _path_to(self, target_xy_m: Float[np.ndarray, "2"], routes: GridRoutes) -> Float[np.ndarray, "k 2"]:
         """The path that the robot drives for a target: up to ``arrived_m`` before it [m]."""
         return _cut_end(routes.path_to(target_xy_m), self.config.arrived_m)
-
-
-def _clusters(points_m: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarray, " n"]:
-    """Label of the cluster of each point: connected by hops of at most ``link_m``."""
-    return connected_components(KDTree(points_m).query_pairs(link_m, output_type="ndarray"), len(points_m))
 
 
 def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:

@@ -122,8 +122,7 @@ class RegionFinder:
         anchor = np.full(len(patches.cube), -1, np.int64)
         for vertices in (preferred, np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred)):
             left = np.flatnonzero((anchor < 0) & unobserved)
-            place = patches.xyz_m[left], patches.normal[left]
-            anchor[left] = _anchors(*place, graph.vertex_xy_m, vertices, grid, camera_height_m, self.config)
+            anchor[left] = _anchors(patches, left, graph.vertex_xy_m, vertices, grid, camera_height_m, self.config)
         relative = points.uncertainty[uncertain] / median
         found = []
         for members in _clusters(patches, anchor, self.config.region_link_m):
@@ -213,15 +212,16 @@ def _clusters(patches: _Patches, anchor: Int[np.ndarray, " p"], link_m: float) -
 
 
 def _anchors(
-    centre_m: Float[np.ndarray, "n 3"],
-    normal: Float[np.ndarray, "n 3"],
+    patches: _Patches,
+    which: Int[np.ndarray, " n"],
     vertex_xy_m: Float[np.ndarray, "v 2"],
     vertices: Int[np.ndarray, " w"],
     grid: OccupancyGrid,
     camera_height_m: float,
     config: PlanningConfig,
 ) -> Int[np.ndarray, " n"]:
-    """The nearest of some vertices that sees each place; -1 where none does."""
+    """The nearest of some vertices that sees each of some patches; -1 where none does."""
+    centre_m, normal = patches.xyz_m[which], patches.normal[which]
     anchor = np.full(len(centre_m), -1, np.int64)
     if not len(centre_m) or not len(vertices):
         return anchor

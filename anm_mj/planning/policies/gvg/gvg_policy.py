@@ -238,7 +238,8 @@ class Gvg:
             if first.place and not len(path):
                 continue
             # Both judge by new surface, of which improvement brings none.
-            residual = not self._improving and self._is_residual(tour)
+            little = tour.gain_m2 < self.config.stagnation_gain_m2
+            residual = not self._improving and self._stagnation.is_stagnating() and little
             exhausted = not self._improving and self._tracker.is_exhausted(first.gain_m2)
             if residual or exhausted or tour.rate < self.config.min_rate_m2:
                 return self._stop(state, candidates, stagnating=residual)
@@ -246,10 +247,6 @@ class Gvg:
                 path = quantize_headings(path, state.topdown, state.paths.safe_m, state.pose)
             return self._go(state, tour, path, places.xy_m[first.place], _first_views(places, tours), gain)
         return self._stop(state, candidates)
-
-    def _is_residual(self, tour: Tour) -> bool:
-        """Whether the run stagnates and a tour expects too little to go on for."""
-        return self._stagnation.is_stagnating() and tour.gain_m2 < self.config.stagnation_gain_m2
 
     def _best_tours(
         self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain

@@ -53,7 +53,8 @@ class Places:
 def places_of(source: Path, others: Sequence[Path] = ()) -> Places:
     """Where files that ``source`` names may lie: up to three folders above it, and in ``others``."""
     # A file that is linked, as colcon does, has its neighbours where it really is, too.
-    return Places((), (top_folder(Path(os.path.realpath(source)).parent, LEVELS_UP), *_real(others)))
+    real, *real_others = (Path(os.path.realpath(path)) for path in (source, *others))
+    return Places((), (top_folder(real.parent, LEVELS_UP), *real_others))
 
 
 def world_places(world: Path, given: Sequence[Path]) -> Places:
@@ -78,10 +79,6 @@ def world_places(world: Path, given: Sequence[Path]) -> Places:
     models = [folder for folder in searched if folder in stated or folder not in above_world]
     media = [folder.parent / "media" for folder in models]
     return Places(searched, places_of(world, (*models, *media)).own)
-
-
-def _real(folders: Sequence[Path]) -> list[Path]:
-    return [Path(os.path.realpath(folder)) for folder in folders]
 
 
 def find_uri(uri: str, folder: Path, places: Places, report: ImportReport) -> Path | None:
