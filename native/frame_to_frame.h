@@ -110,6 +110,11 @@ struct Gain {
         square += weight * value * value;
         gradient += weight * value * difference;
     }
+    void add(const Gain& other) {
+        for (int k = 0; k < 6; ++k) cross[k] += other.cross[k];
+        square += other.square;
+        gradient += other.gradient;
+    }
     void leave_out(NormalEquations& out) const {
         const double whole = square + 1.0 / (kDeviation * kDeviation);
         int k = 0;
@@ -121,12 +126,29 @@ struct Gain {
     }
 };
 
-// Sums over a frame's points, by this camera's displacement along the earlier camera's axes and its rotation vector
-// about them. sums: of distances, then of grey values. gray: of the points.
-inline void frame_to_frame(const FramePoints& points, const float* gray, const Image& image, const FrameAlignment& at,
-                           NormalEquations* sums) {
+// Sums over points: of distances, then of grey values.
+struct FrameSums {
+    NormalEquations of[2];
     Gain gain;
-    for (int i = 0; i < points.count; ++i) {
+
+    void add(const FrameSums& other) {
+        for (int kind = 0; kind < 2; ++kind) {
+            for (int k = 0; k < 21; ++k) of[kind].hessian[k] += other.of[kind].hessian[k];
+            for (int k = 0; k < 6; ++k) of[kind].gradient[k] += other.of[kind].gradient[k];
+            of[kind].cost += other.of[kind].cost;
+            of[kind].weight += other.of[kind].weight;
+            of[kind].count += other.of[kind].count;
+        }
+        gain.add(other.gain);
+    }
+};
+
+// Sums over some of a frame's points, by this camera's displacement along the earlier camera's axes and its rotation
+// vector about them. gray: of the points.
+inline void frame_to_frame(const FramePoints& points, const float* gray, int begin, int end, const Image& image,
+                           const FrameAlignment& at, FrameSums& out) {
+    NormalEquations* sums = out.of;
+    for (int i = begin; i < end; ++i) {
         if (!(points.trust[i] > 0.0F)) continue;
         const float* x = points.camera + 3 * static_cast<std::ptrdiff_t>(i);
         double arm[3], p[3], length = 0.0;
@@ -196,9 +218,8 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
         sums[1].cost += weight * gray_share * total;
         sums[1].weight += weight * gray_share * gray_share;
         sums[1].count += 1.0;
-        gain.add(row, difference, there, believed);
+        out.gain.add(row, difference, there, believed);
     }
-    gain.leave_out(sums[1]);
 }
 
 // The mean of inverse depth over squares that reach `radius` pixels, as depth; at edges, where the squares spread by more

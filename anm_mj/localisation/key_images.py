@@ -19,6 +19,7 @@ from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
+from anm_mj.utils.threads import usual_num_threads
 
 _MOST_TRIED, _LATEST_TRIED = 12, 3
 """Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
@@ -219,6 +220,7 @@ class KeyImages:
             image.camera,
             np.ascontiguousarray(T),
             settings,
+            usual_num_threads(),
         )
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
