@@ -65,7 +65,7 @@ def test_topdown_without_graph_and_poses(tmp_path, missing):
 
 @pytest.mark.parametrize("num_rows", [0, 1, 40])
 def test_curve_is_drawn_however_short(tmp_path, num_rows):
-    steps = 10 * np.arange(num_rows)
+    steps = 10.0 * np.arange(num_rows)
     ratio = 95.0 * (1.0 - np.exp(-steps / 100.0))
     columns = dict(zip(CURVE, (steps, ratio, ratio + 5.0, 100.0 - ratio), strict=True))
     save_figure(curve_figure(columns, title="box"), tmp_path / "curve.png")
@@ -112,7 +112,7 @@ def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_the_headline_metric_is_drawn_where_it_is_known(known):
-    steps, ratio = 10 * np.arange(20), np.linspace(0.0, 60.0, 20)
+    steps, ratio = 10.0 * np.arange(20), np.linspace(0.0, 60.0, 20)
     observable = ratio + 30.0 if known else np.full(20, np.nan)
     columns = dict(zip(CURVE, (steps, ratio, observable, 100.0 - ratio), strict=True))
     axes = curve_figure(columns, title="box").axes[0]
