@@ -238,7 +238,8 @@ class FieldLocaliser:
             return None
         noise = self._map.occupancy.by_depth.noise.value
         many = draw_points(told, config.num_points, noise, self.config.registration.range_m, rng)
-        return FrameToImages(self._key_images, images, many, coarse_gray_at(image, many), noise)
+        depth_share = min(1.0, len(points) / max(1, len(many)))
+        return FrameToImages(self._key_images, images, many, coarse_gray_at(image, many), noise, depth_share)
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""

@@ -187,10 +187,12 @@ class KeyImages:
         noise_per_m: float,
         kernel: float,
         coarse_gray: Float32[np.ndarray, " n"] | None = None,
+        depth_share: float = 1.0,
     ) -> Sums:
         """Sums over a frame's points against an image, by displacement and rotation in the world.
 
-        ``coarse_gray`` are the points' grey values as of :attr:`KeyImage.coarse`, to be compared with these.
+        ``coarse_gray`` are the points' grey values as of :attr:`KeyImage.coarse`, to be compared with these;
+        ``depth_share`` is what their depth counts beside grey values.
         """
         config = self.config
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
@@ -220,7 +222,10 @@ class KeyImages:
         )
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
-        full, slope = turn @ (hessian[0] + hessian[1]) @ turn.T, turn @ (gradient[0] + gradient[1])
+        full, slope = (
+            turn @ (depth_share * hessian[0] + hessian[1]) @ turn.T,
+            turn @ (depth_share * gradient[0] + gradient[1]),
+        )
         return Sums(
             full, slope, float(facts[0, 0]), float(facts[0, 2]), float(facts[1, 0]) / max(1.0, float(facts[1, 2]))
         )
@@ -236,10 +241,21 @@ class FrameToImages:
         points: FramePoints,
         coarse_gray: Float32[np.ndarray, " n"],
         noise_per_m: float,
+        depth_share: float,
     ) -> None:
-        """Of the images that are given; ``coarse_gray`` as of :func:`coarse_gray_at`."""
+        """Of the images that are given.
+
+        Args:
+            kept: Compares points with an image.
+            images: Those that they are compared with.
+            points: Of the frame.
+            coarse_gray: Their grey values as of :func:`coarse_gray_at`.
+            noise_per_m: Of the depth.
+            depth_share: What depth counts beside grey values. Depth errs by what many pixels share (bias, steps of
+                disparity), so that more of them tell no more.
+        """
         self._kept, self._images, self._points, self._noise_per_m = kept, images, points, noise_per_m
-        self._coarse_gray = coarse_gray
+        self._coarse_gray, self._depth_share = coarse_gray, depth_share
 
     def __len__(self) -> int:
         return len(self._points)
@@ -248,7 +264,9 @@ class FrameToImages:
         """Sums over the points and images at a pose."""
         gray = self._coarse_gray if coarse else None
         parts = [
-            self._kept.equations(image, self._points, T_world_camera, self._noise_per_m, kernel, gray)
+            self._kept.equations(
+                image, self._points, T_world_camera, self._noise_per_m, kernel, gray, self._depth_share
+            )
             for image in self._images
         ]
         # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
@@ -270,7 +288,8 @@ class FrameToImages:
 
     def _some(self, images: list[KeyImage], step: int) -> FrameToImages:
         gray = np.ascontiguousarray(self._coarse_gray[::step])
-        return FrameToImages(self._kept, images, self._points.every(step), gray, self._noise_per_m)
+        points = self._points.every(step)
+        return FrameToImages(self._kept, images, points, gray, self._noise_per_m, self._depth_share)
 
 
 def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, " n"]:

@@ -245,8 +245,7 @@ def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bo
 
 
 def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
-    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from
-    its prior.
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior.
 
     Args:
         prior: Of the frame.

@@ -55,7 +55,7 @@ def test_a_vague_turn_is_found_by_looks(room: Room, images: KeyImages) -> None:
     frame = room.observe(1.5, 1.5, 0.1, size=128)
     points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
     gray = coarse_gray_at(key_image(frame, CONFIG.longest_px), points)
-    extra = FrameToImages(images, images.images[:2], points, gray, 0.0)
+    extra = FrameToImages(images, images.images[:2], points, gray, 0.0, 1.0)
     for off in (-0.12, 0.12):
         T = moved_camera(frame.T_world_camera, np.array([0.0, 0.0, 0.0, 0.0, 0.0, off]))
         prior = Prior(T, np.diag([0.01, 0.01, 0.08]) ** 2, PLANAR)
