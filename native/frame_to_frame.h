@@ -115,7 +115,7 @@ struct Gain {
         square += other.square;
         gradient += other.gradient;
     }
-    void leave_out(NormalEquations& out) const {
+    void marginalize(NormalEquations& out) const {
         const double whole = square + 1.0 / (kDeviation * kDeviation);
         int k = 0;
         for (int i = 0; i < 6; ++i) {
@@ -226,12 +226,13 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, int beg
 // than a share of themselves and the noise, what was measured, negative; 0 where nothing was measured.
 inline void smoothed_depth(const float* depth, int height, int width, int radius, double noise, double spread_share,
                            float* out) {
+    constexpr float kNearest = 1e-3F;  // m; the squares of what is nearer would drown the others in the running sums
     struct Sums { double count, total, square; };
     const int size = 2 * radius + 1;
     std::vector<Sums> columns(static_cast<std::size_t>(width), Sums{0.0, 0.0, 0.0});
     const auto inverse_at = [&](int row, int col) {
         const float z = depth[static_cast<std::ptrdiff_t>(row) * width + col];
-        return z > 0.0F && z < Image::kMeasured ? 1.0 / static_cast<double>(z) : 0.0;
+        return z > kNearest && z < Image::kMeasured ? 1.0 / static_cast<double>(z) : 0.0;
     };
     const auto add_line = [&](int row, double sign) {
         if (row < 0 || row >= height) return;

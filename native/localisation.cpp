@@ -57,7 +57,7 @@ nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, 
         anm::thread_pool().run(num_threads, static_cast<int>(call.parts.size()), part, &call);
         for (const anm::FrameSums& each : call.parts) whole.add(each);
     }
-    whole.gain.leave_out(whole.of[1]);
+    whole.gain.marginalize(whole.of[1]);
     return as_arrays(whole.of);
 }
 

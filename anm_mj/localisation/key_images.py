@@ -284,8 +284,8 @@ class FrameToImages:
         """The same of each ``step``-th point."""
         return self._some(self._images, step)
 
-    def glance(self, num_points: int) -> FrameToImages:
-        """The same of about so many points, with the latest image alone."""
+    def subsample(self, num_points: int) -> FrameToImages:
+        """The same of about so many points, with the last image alone: the latest, or the best of the latest."""
         return self._some(self._images[-1:], max(1, len(self) // num_points))
 
     def _some(self, images: list[KeyImage], step: int) -> FrameToImages:
@@ -298,6 +298,8 @@ def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, 
     """Coarse grey values of a frame's points in its own image, in [0, 1]."""
     fx, fy, cx, cy = image.camera
     depth = points.camera_m[:, 2]
+    if not image.coarse.size:
+        return np.zeros(len(points), np.float32)
     # The first pixel's centre is at 0.
     col = (fx * points.camera_m[:, 0] / depth + cx) / _COARSE - 0.5
     row = (fy * points.camera_m[:, 1] / depth + cy) / _COARSE - 0.5
