@@ -144,6 +144,6 @@ class TrueView:
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     depth_m: Float32[np.ndarray, "h w"]
-    """Exact planar z where the sensor gave a value [m]; not finite elsewhere, nor where it shows people or things that move."""
+    """Exact planar z where the sensor gave a value [m]; not finite elsewhere, nor where it shows what moves."""
     people: TruePeople | None = None
     """None where nobody is in the scene."""
