@@ -283,7 +283,7 @@ def _finish(
     for pose in log.poses:
         stages.topdown.visit(pose.xy_m)
     state = stages.read(neural_map, last)
-    write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), state.topdown, state.graph, state.regions))
+    write_plan(folder.survey, PlanRecord.of(state.plan("the end")))
     with writing(folder.topdown_picture):
         figure = topdown_figure(
             state.topdown,

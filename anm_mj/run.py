@@ -22,13 +22,13 @@ from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json, write_json
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
+from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import ReturnFacts, load_writers, write_results
 from anm_mj.run_parts import Parts, make_parts
-from anm_mj.types import Observation, Pose2, StopReason
+from anm_mj.types import Observation, Plan, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
 
 TRIM_STEPS = 100
@@ -213,14 +213,14 @@ def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> d
     return roots if parts.localiser is None else {**roots, "localiser": parts.localiser}
 
 
-def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionState:
+def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> Plan:
     """The planning stages of the paper's policy, run once on the final map along the trajectory of the whole run."""
     stages = RegionStages(parts.config.planning, parts.robot.footprint)
     if recorder.prior is not None:
         stages.continue_from(recorder.prior)
     for pose in recorder.poses:
         stages.topdown.visit(pose.xy_m)
-    return stages.read(parts.mapper, _where_it_was(recorder, ended))
+    return stages.read(parts.mapper, _where_it_was(recorder, ended)).plan("what is left")
 
 
 def _where_it_was(recorder: RunRecorder, ended: Ended) -> Observation:

@@ -32,6 +32,7 @@ from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import halved_intrinsics
+from anm_mj.io.curve_file import COMPLETION_COLUMNS
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
@@ -132,11 +133,8 @@ def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeSt
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         write_text(folder.curve, "\n".join(lines) + "\n")
         figure = curve_figure(
-            np.array([row.step for row in curve.rows], dtype=np.int64),
-            np.array([row.completion_ratio for row in curve.rows], dtype=np.float64),
             # None becomes NaN.
-            np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
-            np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
+            {name: np.array([getattr(row, name) for row in curve.rows], np.float64) for name in COMPLETION_COLUMNS},
             title=titled(folder, pictured(curve, statistics)),
             before_ratio=None if before is None else before.ratio_percent,
         )

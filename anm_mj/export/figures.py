@@ -58,9 +58,8 @@ def curve_of(run: Run) -> ShownFigure:
     curve, metrics = read_curve(run.folder.curve), _metrics(run)
     if not len(curve["step"]):
         raise RunFolderError(f"{run.folder.path} has no completion curve: its coverage was not measured.")
-    values = (curve[key] for key in ("completion_ratio", "observable_ratio", "completion_cm"))
     before = metrics.get("completion_ratio_before")
-    return curve_figure(curve["step"].astype(np.int64), *values, title=titled(run.folder, metrics), before_ratio=before)
+    return curve_figure(curve, title=titled(run.folder, metrics), before_ratio=before)
 
 
 def _metrics(run: Run) -> dict[str, Any]:

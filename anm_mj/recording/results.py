@@ -30,7 +30,7 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.recording.run_log import tum_line
-from anm_mj.types import ExploredState, OccupancyGrid, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
+from anm_mj.types import ExploredState, OccupancyGrid, Plan, Pose2, SurfaceChange
 from anm_mj.utils.files import atomic_write, write_text
 from anm_mj.utils.memory import malloc_trim
 
@@ -80,26 +80,6 @@ class FinishedMap(Protocol):
         ...
 
 
-@runtime_checkable
-class Survey(Protocol):
-    """The state of planning that is drawn."""
-
-    @property
-    def topdown(self) -> TopDownMap:
-        """The map."""
-        ...
-
-    @property
-    def graph(self) -> VoronoiGraph:
-        """The road map."""
-        ...
-
-    @property
-    def regions(self) -> tuple[Region, ...]:
-        """The regions of interest."""
-        ...
-
-
 class ReturnFacts(NamedTuple):
     """How a robot that was to go back to its start did so."""
 
@@ -127,7 +107,7 @@ def write_results(
     recorder: RunRecorder,
     ended: Ended,
     finished: FinishedMap,
-    survey: Survey,
+    survey: Plan,
     *,
     wall_s: float,
     release: Callable[[], None] = lambda: None,
@@ -140,7 +120,7 @@ def write_results(
         recorder: Has recorded the run.
         ended: How the loop ended.
         finished: The neural map.
-        survey: What planning reads out of it at the end, for the picture.
+        survey: What planning reads out of it at the end: top-down map, graph and regions, for the picture.
         wall_s: Wall time from the start of the program to the end of the loop [s].
         release: Called as soon as the map is needed no more, so that its memory is free for what follows.
         memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to do
@@ -172,7 +152,7 @@ def write_results(
     changes = finished.changes() if recorder.prior is not None else None
     if changes is not None:
         write_changes(folder.changes, folder.changed_voxels, changes)
-    write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
+    write_plan(folder.survey, PlanRecord.of(survey))
     # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
     curve.last()
     if recorder.truth is not None:
@@ -206,13 +186,14 @@ def write_results(
     return metrics
 
 
-def _draw(recorder: RunRecorder, survey: Survey, changes: Sequence[SurfaceChange]) -> None:
+def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange]) -> None:
     """Draw the curve and the top-down map."""
     # No run waits for matplotlib before its first step.
     from anm_mj.viz.figure_file import save_figure
     from anm_mj.viz.plots import topdown_figure
 
     folder = recorder.folder
+    assert survey.topdown is not None
     if recorder.truth is not None:
         write_curve(folder, recorder.curve, recorder.statistics)
     with writing(folder.topdown_picture):

@@ -52,20 +52,16 @@ class MipmapTextures:
         right, down = (x - col)[:, None], (y - row)[:, None]
         col, row = col.astype(np.int64) % width, row.astype(np.int64) % height
         next_col, next_row = (col + 1) % width, (row + 1) % height
-        upper = self._interpolate(first + row * width, col, next_col, right)
-        lower = self._interpolate(first + next_row * width, col, next_col, right)
-        return upper + down * (lower - upper)
 
-    def _interpolate(
-        self,
-        line: Int64[np.ndarray, " n"],
-        col: Int64[np.ndarray, " n"],
-        next_col: Int64[np.ndarray, " n"],
-        share: Float32[np.ndarray, "n 1"],
-    ) -> Float32[np.ndarray, "n 3"]:
-        left = self._packed[line + col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
-        right = self._packed[line + next_col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
-        return left + share * (right - left)
+        def along(line: Int64[np.ndarray, " n"]) -> Float32[np.ndarray, "n 3"]:
+            left, beside = (
+                self._packed[line + at].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
+                for at in (col, next_col)
+            )
+            return left + right * (beside - left)
+
+        upper, lower = along(first + row * width), along(first + next_row * width)
+        return upper + down * (lower - upper)
 
 
 def _mip_levels(texture: UInt8[np.ndarray, "h w 3"]) -> list[UInt8[np.ndarray, "_ _ 3"]]:

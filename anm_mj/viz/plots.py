@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
@@ -96,21 +96,14 @@ def topdown_figure(
 
 
 def curve_figure(
-    steps: Int[np.ndarray, " n"],
-    completion_ratio: Float[np.ndarray, " n"],
-    observable_ratio: Float[np.ndarray, " n"],
-    completion_cm: Float[np.ndarray, " n"],
-    *,
-    title: str,
-    before_ratio: float | None = None,
+    curve: Mapping[str, Float[np.ndarray, " n"]], *, title: str, before_ratio: float | None = None
 ) -> ShownFigure:
     """Completion over steps.
 
     Args:
-        steps: Steps of the values; may be empty.
-        completion_ratio: Fraction of the true surface within 5 cm of the observed points [%].
-        observable_ratio: The same of the observable surface [%]; NaN where that is not known.
-        completion_cm: Mean distance of the true surface to the observed points, capped at 1 m [cm].
+        curve: By the names of the columns of ``curve.csv``: steps; fraction of the true surface within 5 cm of the
+            observed points, and the same of the observable surface, NaN where that is not known [%]; mean distance of
+            the true surface to the observed points, capped at 1 m [cm]. All may be empty.
         title: Title of the figure.
         before_ratio: Completion ratio by the runs that this one goes on from [%]; None for a run that began with
             nothing.
@@ -118,6 +111,9 @@ def curve_figure(
     figure = ShownFigure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
     ratio_axes = figure.add_subplot()
     cm_axes = ratio_axes.twinx()
+    steps, completion_ratio, observable_ratio, completion_cm = (
+        curve[name] for name in ("step", "completion_ratio", "observable_ratio", "completion_cm")
+    )
     lines = []
     if np.isfinite(observable_ratio).any():
         lines += ratio_axes.plot(

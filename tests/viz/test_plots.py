@@ -52,6 +52,9 @@ def test_a_metre_is_as_long_along_x_as_along_y(tmp_path):
     assert np.ptp(cols) / np.ptp(rows) == pytest.approx(4.0 / 3.0, rel=0.01)
 
 
+CURVE = ("step", "completion_ratio", "observable_ratio", "completion_cm")
+
+
 @pytest.mark.parametrize(
     "missing",
     [{"graph": None}, {"regions": ()}, {"poses": []}, {"poses": [Pose2(0.0, 0.0, 0.0)]}, {"target_xy_m": None}],
@@ -62,9 +65,10 @@ def test_topdown_without_graph_and_poses(tmp_path, missing):
 
 @pytest.mark.parametrize("num_rows", [0, 1, 40])
 def test_curve_is_drawn_however_short(tmp_path, num_rows):
-    steps = 10 * np.arange(num_rows)
+    steps = 10.0 * np.arange(num_rows)
     ratio = 95.0 * (1.0 - np.exp(-steps / 100.0))
-    save_figure(curve_figure(steps, ratio, ratio + 5.0, 100.0 - ratio, title="box"), tmp_path / "curve.png")
+    columns = dict(zip(CURVE, (steps, ratio, ratio + 5.0, 100.0 - ratio), strict=True))
+    save_figure(curve_figure(columns, title="box"), tmp_path / "curve.png")
     with Image.open(tmp_path / "curve.png") as picture:
         assert min(picture.size) > 500
 
@@ -108,9 +112,10 @@ def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_the_headline_metric_is_drawn_where_it_is_known(known):
-    steps, ratio = 10 * np.arange(20), np.linspace(0.0, 60.0, 20)
+    steps, ratio = 10.0 * np.arange(20), np.linspace(0.0, 60.0, 20)
     observable = ratio + 30.0 if known else np.full(20, np.nan)
-    axes = curve_figure(steps, ratio, observable, 100.0 - ratio, title="box").axes[0]
+    columns = dict(zip(CURVE, (steps, ratio, observable, 100.0 - ratio), strict=True))
+    axes = curve_figure(columns, title="box").axes[0]
     assert any("observable" in str(line.get_label()) for line in axes.get_lines()) == known
     # The axis ends above the highest curve.
     assert axes.get_ylim() == (0.0, 100.0 if known else 70.0)

@@ -110,15 +110,15 @@ class Frontier(ScanPolicy):
         pose = observation.pose
         with watch.stage("topdown"):
             topdown = self.grid.topdown()
-            hops = _border_hops(topdown, pose)
-            found = _connected(topdown, hops)
+            hops = border_hops(topdown, pose)
+            found = frontiers(topdown, hops)
         with watch.stage("paths"):
             routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
             kept = self._keep(topdown, hops, routes, observation.step)
             left = self._within_reach(found, routes)
             if kept is None and not left:
                 # One frontier may run around the whole known area; giving part of it up leaves the rest.
-                left = self._within_reach(_connected(topdown, self._without_given_up(topdown, hops)), routes)
+                left = self._within_reach(frontiers(topdown, self._without_given_up(topdown, hops)), routes)
         if kept is not None:
             self._chosen = kept
             return self._go("the same frontier as before", routes, left, watch)
@@ -203,24 +203,15 @@ class Frontier(ScanPolicy):
         return None if looked_at or math.dist(frontier.contact_xy_m, place) >= self.config.max_gap_m else place
 
 
-def frontiers(topdown: TopDownMap, pose: Pose2) -> list[_Frontier]:
-    """Connected borders between unknown ground and the free ground around the robot, nearest first.
-
-    The flood over free cells and the borders spread over eight neighbours; a border cell is met through one of its
-    four.
-    """
-    return _connected(topdown, _border_hops(topdown, pose))
-
-
-def _border_hops(topdown: TopDownMap, pose: Pose2) -> Float[np.ndarray, "rows cols"]:
+def border_hops(topdown: TopDownMap, pose: Pose2) -> Float[np.ndarray, "rows cols"]:
     """Cells between the robot and each unknown cell that borders on ground it can flood; +inf for all others."""
     start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
     hops = MCP(np.where(topdown.state == FREE, 1.0, -1.0)).find_costs([tuple(start)])[0]
     return np.where(topdown.state == UNKNOWN, _smallest_neighbour(hops), np.inf)
 
 
-def _connected(topdown: TopDownMap, contact: Float[np.ndarray, "rows cols"]) -> list[_Frontier]:
-    """The border in connected pieces, nearest first."""
+def frontiers(topdown: TopDownMap, contact: Float[np.ndarray, "rows cols"]) -> list[_Frontier]:
+    """The border that :func:`border_hops` gives in pieces, connected over eight neighbours, nearest first."""
     border: Bool[np.ndarray, "rows cols"] = np.isfinite(contact)
     labels = np.empty(border.shape, np.int32)
     count = int(ndimage.label(border, structure=EIGHT, output=labels))  # pyright: ignore[reportArgumentType]

@@ -8,7 +8,7 @@ from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
-from anm_mj.planning.policies.frontier.frontier_policy import Frontier, frontiers
+from anm_mj.planning.policies.frontier.frontier_policy import Frontier, border_hops, frontiers
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2, StopReason, TopDownMap
 from tests.box_room import observe
 from tests.planning.worlds import BoxWorld
@@ -38,7 +38,7 @@ def look(pose: Pose2) -> Observation:
 def test_frontiers_come_nearest_first_with_the_cells_they_have():
     topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9), (0.1, 0.1, 0.5, 1.1)])
 
-    near, far = frontiers(topdown, Pose2(1.5, 1.5, 0.0))
+    near, far = frontiers(topdown, border_hops(topdown, Pose2(1.5, 1.5, 0.0)))
 
     assert near.contact_xy_m[0] < 0.5
     assert far.contact_xy_m[0] > 4.5
@@ -49,7 +49,7 @@ def test_frontiers_come_nearest_first_with_the_cells_they_have():
 def test_a_border_behind_a_wall_is_no_frontier():
     topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9)], occupied=[(3.0, 0.0, 3.2, 3.0)])
 
-    assert frontiers(topdown, Pose2(1.5, 1.5, 0.0)) == []
+    assert frontiers(topdown, border_hops(topdown, Pose2(1.5, 1.5, 0.0))) == []
 
 
 def test_routes_keep_their_clearance_around_an_obstacle():
