@@ -99,10 +99,8 @@ class Crowd:
         self._num_periods = 0
         self._speed_mps = random.uniform(config.slowest_mps, config.fastest_mps, count)
         places = self._places(robot_xy_m, random)
-        if config.has_chair:
-            way = self._chair_way(np.vstack([robot_xy_m, places]), random)
-            places = np.vstack([places, way[:1]])
-        self.xy_m = places
+        way = self._chair_way(np.vstack([robot_xy_m, places]), random) if config.has_chair else np.zeros((0, 2))
+        self.xy_m = np.vstack([places, way[:1]])
         """Where everybody is [m]."""
         self.yaw_rad = random.uniform(-math.pi, math.pi, count)
         self.phase_rad = random.uniform(0.0, math.tau, count)
@@ -231,7 +229,7 @@ class Crowd:
             self.yaw_rad[one] = math.remainder(self.yaw_rad[one] + max(min(turn_rad, most_rad), -most_rad), math.tau)
         elif self._num_periods * PERIOD_S >= self._stand_until_s[one] and away_m > 0.0:
             step = ahead * min(self._speed_mps[one] * PERIOD_S / away_m, 1.0)
-            if self._is_free(one, *step.tolist(), self._others(one, robot_xy_m)):
+            if self._is_free(one, float(step[0]), float(step[1]), self._others(one, robot_xy_m)):
                 self.xy_m[one] += step
             elif is_vacuum:
                 self._num_goals[one] += 1
