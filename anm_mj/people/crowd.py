@@ -50,6 +50,8 @@ _VACUUM_MPS, _CHAIR_MPS = 0.3, 0.5
 _TURN_RADPS = 2.0
 _FAR_M = 1e3
 """A vacuum robot drives towards a place so far away, until it meets something."""
+_BERTH_M = 0.1
+"""Things stop so far before the robot."""
 _PUSHED_M, _CHAIR_CLEAR_M = 0.7, 0.7
 """A chair is pushed so far, with so much clearance before and after: others can pass it."""
 _TRIES = 200
@@ -310,7 +312,8 @@ class Crowd:
         """Where everybody else and the robot are, and how far from there one's middle touches them [m]."""
         apart_m = (self.radius_m + self.radius_m[one]).tolist()
         others = [(*self.xy_m[k].tolist(), apart_m[k]) for k in range(len(self.xy_m)) if k != one]
-        robot_apart_m = float(self.radius_m[one]) + self._robot_radius_m
+        berth_m = _BERTH_M if one >= self.config.number else 0.0
+        robot_apart_m = float(self.radius_m[one]) + self._robot_radius_m + berth_m
         return [*others, (float(robot_xy_m[0]), float(robot_xy_m[1]), robot_apart_m)]
 
     def _possible(
