@@ -125,7 +125,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
             facts = replace(facts, continued_from=prior.provenance)
         localiser = make_localiser(config, mapper)
         policy = wrapped_policy(explorer, config, robot.footprint)
-        exact = config.pose == "true" and not config.sensor.misses and not config.people.number
+        exact = config.pose == "true" and not config.sensor.misses and not config.people.num_bodies
         true_view = None if exact else robot.true_view
         yield Parts(config, scene.name, robot, mapper, localiser, explorer, policy, facts, truth, true_view)
 

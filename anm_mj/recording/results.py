@@ -172,8 +172,8 @@ def write_results(
     recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
     mesh = trajectory = None
     if truth is not None:
-        mesh = quality_of_mesh(folder, truth, curve)
         run = read_run(folder.path)
+        mesh = quality_of_mesh(run, truth, curve)
         trajectory = trajectory_metrics(run, truth, curve)
         if trajectory is not None:
             lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
