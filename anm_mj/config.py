@@ -55,7 +55,8 @@ OPTIONS = {
 """How the fields of ``RunConfig`` are given that have an option of their own; the scene is the first argument."""
 _MOVED = {"planning.geometry": "mapping.geometry"}
 """Settings that stand in another group than they did."""
-_PEOPLE, _MOVING = ("people", "number"), ("mapping", "moving", "detect")
+_MOVERS = tuple(("people", name) for name in ("number", "vacuums", "chair_pushed_s"))
+_MOVING = "mapping", "moving", "detect"
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 
 
@@ -163,8 +164,8 @@ def make_config(
     for given, other in ((_CAMERA, _CAMERA_POSE), (_CAMERA_POSE, _CAMERA)):
         if values.get(given):
             values.setdefault(other, "")
-    # Among people, the map tells apart what moves.
-    if values.get(_PEOPLE):
+    # Among people and things that move, the map tells apart what moves.
+    if any(values.get(keys) for keys in _MOVERS):
         values.setdefault(_MOVING, True)
     return _with(config, values)
 

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.ground_truth import COVERED_M, NUM_SAMPLES, GroundTruth, sample_triangles
+from anm_mj.people.crowd import CHAIR
 from anm_mj.utils.threads import usual_num_threads
 
 FINE_M = 0.025
@@ -64,6 +65,7 @@ def mesh_quality(
     truth: GroundTruth,
     covered: Bool[np.ndarray, " n"],
     num_samples: int = NUM_SAMPLES,
+    chair: tuple[float, float, float] | None = None,
 ) -> tuple[MeshQuality, MeshQuality | None]:
     """Compare a mesh with the true surface.
 
@@ -73,6 +75,8 @@ def mesh_quality(
         truth: The true surface.
         covered: Which of its samples the run observed.
         num_samples: Samples on the mesh.
+        chair: Where the chair stands that was pushed, x [m], y [m], yaw [rad]: it is no part of the true surface, and
+            what the mesh has of it there is not judged; None = there is none.
 
     Returns:
         The quality of the whole, and culled to the observed surface; None if nothing was observed.
@@ -81,6 +85,10 @@ def mesh_quality(
         SceneError: The mesh has no area.
     """
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
+    if chair is not None:
+        is_near = np.linalg.norm(samples[:, :2] - chair[:2], axis=1) < CHAIR.radius_m + FAR_OFF_M
+        above_floor = (samples[:, 2] > COVERED_M) & (samples[:, 2] < CHAIR.z_max_m + FAR_OFF_M)
+        samples = samples[~(is_near & above_floor)]
     to_truth_m = surface_distance(samples, truth.vertices.astype(np.float64), truth.faces)
     to_mesh_m = surface_distance(truth.samples.astype(np.float64), vertices.astype(np.float64), faces)
     _, nearest = KDTree(truth.samples).query(samples, workers=usual_num_threads())

@@ -50,9 +50,9 @@ class RunSummary:
     surface_lost_percent: float | None = None
     """Share of the observed surface that the map takes for free space: carved away [%]."""
     people_nearest_m: float | None = None
-    """Smallest distance between the robot's body and a person's; None, as the next three, among nobody [m]."""
+    """Between the robot's body and people or things that move; None, as the next three, among nobody [m]."""
     people_contacts: int | None = None
-    """Steps by which the robot ran into somebody."""
+    """Steps by which the robot ran into one of them."""
     moved_precision_percent: float | None = None
     """Share of the pixels taken for moved that show people, once somebody was in view for five frames [%]."""
     moved_recall_percent: float | None = None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32, Int
 
 from anm_mj.errors import RunFolderError, SceneError
 from anm_mj.evaluation.completion import Completion, Coverage, uncapped_completion_cm
@@ -96,7 +96,7 @@ def evaluate_run(
     curve.last()
     uncapped_cm = without_cap_cm(run.folder, truth, curve)
     write_curve(run.folder, curve, statistics)
-    mesh = quality_of_mesh(run.folder, truth, curve)
+    mesh = quality_of_mesh(run, truth, curve)
     trajectory = trajectory_metrics(run, truth, curve)
     metrics = summarise(statistics, curve, uncapped_cm, truth, mesh, summary, views, trajectory)
     write_json(run.folder.metrics, metrics)
@@ -142,16 +142,27 @@ def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeSt
 
 
 def quality_of_mesh(
-    folder: RunFolder, truth: GroundTruth, curve: CompletionCurve
+    run: Run, truth: GroundTruth, curve: CompletionCurve
 ) -> tuple[MeshQuality, MeshQuality | None] | None:
     """Quality of a run's mesh as a whole, and culled to what a finished curve covered; None where there is no mesh.
 
     Raises:
         RunFolderError: The mesh is damaged.
     """
-    if not folder.mesh.is_file():
+    if not run.folder.mesh.is_file():
         return None
-    return mesh_quality(*read_mesh(folder.mesh), truth, curve.distance_m < COVERED_M)
+    return _quality_of(*read_mesh(run.folder.mesh), run, truth, curve)
+
+
+def _quality_of(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    run: Run,
+    truth: GroundTruth,
+    curve: CompletionCurve,
+) -> tuple[MeshQuality, MeshQuality | None]:
+    chair = run.frames[-1].chair if run.frames else None
+    return mesh_quality(vertices, faces, truth, curve.distance_m < COVERED_M, chair=chair)
 
 
 def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> dict[str, Any] | None:
@@ -173,7 +184,7 @@ def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> 
         believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in known]) for name in _POSES)
         T_true_believed = alignment(believed, true)
         moved = (vertices @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]).astype(vertices.dtype)
-        _, observed = mesh_quality(moved, faces, truth, curve.distance_m < COVERED_M)
+        _, observed = _quality_of(moved, faces, run, truth, curve)
         if observed is not None:
             found["aligned_observed_accuracy_cm"] = observed.accuracy_cm
             found["aligned_observed_f_score"] = observed.f_score_percent

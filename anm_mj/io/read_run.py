@@ -201,9 +201,9 @@ def _frame(line: FrameShape) -> FrameRecord:
     found = line.localisation
     is_lost, is_mapped = found is not None and found.state == "LOST", found is None or found.usable
     poses = _pose(line), believed_camera, _pose(true), true_camera
-    people = tuple(line.people)
+    moving = {"people": tuple(line.people), "chair": line.chair}
     covariance = None if found is None else found.covariance_xy_m2
-    return FrameRecord(line.step, line.time_s, *poses, is_lost, is_mapped, people=people, covariance_xy_m2=covariance)
+    return FrameRecord(line.step, line.time_s, *poses, is_lost, is_mapped, **moving, covariance_xy_m2=covariance)
 
 
 def _step(line: StepShape) -> StepRecord:

@@ -30,6 +30,8 @@ class FrameRecord:
     """Whether the pose was good enough for the map."""
     people: tuple[tuple[float, float, float, float, float], ...] = ()
     """Of each person in the scene: x [m], y [m], yaw [rad], phase of the gait [rad], swing of the limbs."""
+    chair: tuple[float, float, float] | None = None
+    """Where the chair that is pushed stood: x [m], y [m], yaw [rad]; None without."""
     covariance_xy_m2: tuple[float, float, float] | None = None
     """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
 

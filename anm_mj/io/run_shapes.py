@@ -41,6 +41,8 @@ class FrameShape(PoseShape):
     """Only where it differs from the believed one."""
     people: list[tuple[Length, Length, Number, Number, Number]] = []
     """Of each person: place, yaw [rad], phase of the gait [rad], swing of the limbs."""
+    chair: tuple[Length, Length, Number] | None = None
+    """Place and yaw [rad] of the chair that is pushed."""
     localisation: LocalisationShape | None = None
     """Only where the pose was estimated."""
 

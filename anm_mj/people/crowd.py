@@ -1,4 +1,4 @@
-"""People who walk from place to place, around the robot and each other.
+"""People who walk from place to place, around the robot and each other, and things that move among them.
 
 Each walks along a path to a place drawn from the seed, stands there for a while, and goes on. On the way a social force
 (Helbing and Molnar, Physical Review E 51, 1995) drives it along the path and pushes it away from walls, other people
@@ -6,6 +6,9 @@ and the robot: exponentials of the distance between bodies as in Helbing, Farkas
 for what lies behind (Johansson, Helbing and Shukla, Advances in Complex Systems 10, 2007). A step that would touch
 somebody is not made, so people never walk into the robot. Where each goes, and for how long it stands, depends on the
 seed alone; the way there on who else is in it.
+
+A vacuum robot drives straight, and turns to a heading drawn from the seed where the next step would touch anything. A
+chair is pushed once, straight to another place with room around it.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from jaxtyping import Float
 from anm_mj.errors import SceneError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.people.walking_floor import BODY, WalkingFloor
+from anm_mj.types import Footprint
 
 PERIOD_S = 0.1
 """People move in periods of this length [s]."""
@@ -41,13 +45,22 @@ _ROBOT_START_M, _APART_M = 1.5, 0.8
 """Nobody starts nearer than this to the robot, and to another one."""
 _FOLLOW_M = 1.2
 """Who follows the robot keeps this distance [m]."""
+VACUUM, CHAIR = Footprint(radius_m=0.17, z_min_m=0.0, z_max_m=0.09), Footprint(radius_m=0.22, z_min_m=0.0, z_max_m=0.87)
+_VACUUM_MPS, _CHAIR_MPS = 0.3, 0.5
+_TURN_RADPS = 2.0
+_FAR_M = 1e3
+"""A vacuum robot drives towards a place so far away, until it meets something."""
+_BERTH_M = 0.1
+"""Things stop so far before the robot."""
+_PUSHED_M, _CHAIR_CLEAR_M = 0.7, 0.7
+"""A chair is pushed so far, with so much clearance before and after: others can pass it."""
 _TRIES = 200
 _STRIDE_PER_HEIGHT = 0.75
 """Length of a stride, two steps, as a share of the height."""
 
 
 class Crowd:
-    """The people of a scene as they move; a copy moves on by itself."""
+    """The people of a scene, its vacuum robots and its chair, in this order; a copy moves on by itself."""
 
     REBUILT = ("config", "floor")
 
@@ -73,18 +86,23 @@ class Crowd:
         """
         self.config, self.floor = config, floor
         self._robot_radius_m = robot_radius_m
-        self.height_m = np.random.default_rng([seed, 86]).uniform(1.5, 1.9, config.number)
+        self.height_m = np.random.default_rng([seed, 86]).uniform(1.5, 1.9, config.num_bodies)
+        kinds = [BODY] * config.number + [VACUUM] * config.vacuums + [CHAIR] * config.has_chair
+        self.radius_m = np.array([kind.radius_m for kind in kinds])
+        """Of each body [m]."""
         self._seed = seed
         self.restart(robot_xy_m)
 
     def restart(self, robot_xy_m: Float[np.ndarray, "2"], seed: int | None = None) -> None:
         """Place the same people anew at time 0, as of :meth:`__init__`; None = with the seed of before."""
-        config, count = self.config, self.config.number
+        config, count = self.config, self.config.num_bodies
         self._seed = self._seed if seed is None else seed
         random = np.random.default_rng([self._seed, 83])
         self._num_periods = 0
         self._speed_mps = random.uniform(config.slowest_mps, config.fastest_mps, count)
-        self.xy_m = self._places(robot_xy_m, random)
+        places = self._places(robot_xy_m, random)
+        way = self._chair_way(np.vstack([robot_xy_m, places]), random) if config.has_chair else np.zeros((0, 2))
+        self.xy_m = np.vstack([places, way[:1]])
         """Where everybody is [m]."""
         self.yaw_rad = random.uniform(-math.pi, math.pi, count)
         self.phase_rad = random.uniform(0.0, math.tau, count)
@@ -97,7 +115,13 @@ class Crowd:
         self._progress_s = np.zeros(count)
         """When each was last seen to get on."""
         self._path: list[Float[np.ndarray, "k 2"]] = [self.xy_m[i : i + 1].copy() for i in range(count)]
-        if config.blocked_s > 0.0 and count:
+        things = slice(config.number, config.number + config.vacuums)
+        self._speed_mps[things], self._stand_until_s[things] = _VACUUM_MPS, 0.0
+        for one in range(count)[things]:
+            self._path[one] = _far_ahead(self.xy_m[one], self.yaw_rad[one])
+        if config.has_chair:
+            self._speed_mps[-1], self._stand_until_s[-1], self._path[-1] = _CHAIR_MPS, config.chair_pushed_s, way[1:]
+        if config.blocked_s > 0.0 and config.number:
             self.xy_m[0] = self.floor.doorway(robot_xy_m)
             self._stand_until_s[0] = config.blocked_s
 
@@ -110,8 +134,9 @@ class Crowd:
         return other
 
     def _places(self, robot_xy_m: Float[np.ndarray, "2"], random: np.random.Generator) -> Float[np.ndarray, "n 2"]:
+        """Of all but the chair."""
         places, found = self.floor.places_m, [robot_xy_m]
-        for _ in range(self.config.number):
+        for _ in range(self.config.number + self.config.vacuums):
             for _ in range(_TRIES):
                 place = places[random.integers(len(places))]
                 away_m = np.linalg.norm(np.array(found) - place, axis=1)
@@ -122,8 +147,25 @@ class Crowd:
                 raise SceneError(
                     f"people.number is {self.config.number}, but the floor has room for {len(found) - 1} at "
                     f"{_APART_M:g} m from each other and {_ROBOT_START_M:g} m from the robot; give fewer people."
+                    if not self.config.vacuums
+                    else f"people.number and people.vacuums add up to {self.config.number + self.config.vacuums}, but "
+                    f"the floor has room for {len(found) - 1}; give fewer."
                 )
         return np.array(found[1:], float).reshape(-1, 2)
+
+    def _chair_way(self, bodies_m: Float[np.ndarray, "n 2"], random: np.random.Generator) -> Float[np.ndarray, "2 2"]:
+        """From where to where the chair is pushed, given where the robot and everybody else are [m]."""
+        places = self.floor.places_m
+        roomy = places[np.array([self.floor.clearance(x, y)[0] >= _CHAIR_CLEAR_M for x, y in places.tolist()])]
+        apart_m = np.array([_ROBOT_START_M, *[_APART_M] * (len(bodies_m) - 1)])
+        for start in random.permutation(roomy):
+            ends = roomy[np.abs(np.linalg.norm(roomy - start, axis=1) - _PUSHED_M) < 0.05]
+            if len(ends) and (np.linalg.norm(bodies_m - start, axis=1) >= apart_m).all():
+                return np.array([start, ends[random.integers(len(ends))]])
+        raise SceneError(
+            f"The floor has no room to push a chair by {_PUSHED_M:g} m with {_CHAIR_CLEAR_M:g} m around it: set "
+            "people.chair_pushed_s=0."
+        )
 
     def follow(self, time_s: float, robot_xy_m: Float[np.ndarray, "2"]) -> bool:
         """Move on up to a time of the simulation [s], while the robot stands at a place [m]; whether anybody moved."""
@@ -131,8 +173,13 @@ class Crowd:
         while (self._num_periods + 1) * PERIOD_S <= time_s + 1e-9:
             self._num_periods += 1
             for one in range(len(self.xy_m)):
-                self._move(one, robot_xy_m)
+                (self._move if one < self.config.number else self._move_thing)(one, robot_xy_m)
         return self._num_periods > before
+
+    @property
+    def chair(self) -> tuple[float, float, float]:
+        """Where the chair stands, if there is one: x [m], y [m], yaw [rad]."""
+        return *self.xy_m[-1].tolist(), float(self.yaw_rad[-1])
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> bool:
         """Whether the robot would touch somebody on a straight line, and come nearer to them by it."""
@@ -142,12 +189,12 @@ class Crowd:
         share = ((self.xy_m - start_m) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
         nearest_m = np.linalg.norm(self.xy_m - start_m - share[:, None] * along, axis=1)
         now_m = np.linalg.norm(self.xy_m - start_m, axis=1)
-        return bool(((nearest_m < self._robot_radius_m + BODY.radius_m) & (nearest_m < now_m - 1e-6)).any())
+        return bool(((nearest_m < self._robot_radius_m + self.radius_m) & (nearest_m < now_m - 1e-6)).any())
 
     def distance_m(self, robot_xy_m: Float[np.ndarray, "2"]) -> float:
-        """Between the robot's body and the nearest person's [m]; infinite without people."""
+        """Between the robot's body and the nearest other one [m]; infinite without any."""
         away_m = np.linalg.norm(self.xy_m - robot_xy_m, axis=1)
-        return float(away_m.min(initial=math.inf)) - self._robot_radius_m - BODY.radius_m
+        return float((away_m - self.radius_m).min(initial=math.inf)) - self._robot_radius_m
 
     def _move(self, one: int, robot_xy_m: Float[np.ndarray, "2"]) -> None:
         """One period of one person."""
@@ -158,8 +205,7 @@ class Crowd:
         ax = ((goal_x - x) / away * speed if away > 1e-6 else 0.0) - vx
         ay = ((goal_y - y) / away * speed if away > 1e-6 else 0.0) - vy
         ax, ay = ax / _RELAXATION_S, ay / _RELAXATION_S
-        others = [(*self.xy_m[k].tolist(), 2.0 * BODY.radius_m) for k in range(len(self.xy_m)) if k != one]
-        others.append((float(robot_xy_m[0]), float(robot_xy_m[1]), BODY.radius_m + self._robot_radius_m))
+        others = self._others(one, robot_xy_m)
         if speed > 0.0:
             for other_x, other_y, apart in others:
                 push_x, push_y = _push(other_x - x, other_y - y, apart, self.yaw_rad[one])
@@ -172,8 +218,26 @@ class Crowd:
         now = math.hypot(vx, vy)
         if now > most:
             vx, vy = vx * most / now, vy * most / now
-        step_x, step_y = self._possible(x, y, vx * PERIOD_S, vy * PERIOD_S, others)
+        step_x, step_y = self._possible(one, vx * PERIOD_S, vy * PERIOD_S, others)
         self._put(one, x + step_x, y + step_y, step_x / PERIOD_S, step_y / PERIOD_S, bool(speed))
+
+    def _move_thing(self, one: int, robot_xy_m: Float[np.ndarray, "2"]) -> None:
+        """One period of a thing: towards its destination, where nothing is in the way; the chair does not turn."""
+        ahead = self._path[one][-1] - self.xy_m[one]
+        away_m, is_vacuum = math.hypot(*ahead), one < self.config.number + self.config.vacuums
+        turn_rad = math.remainder(math.atan2(ahead[1], ahead[0]) - self.yaw_rad[one], math.tau) if is_vacuum else 0.0
+        if abs(turn_rad) > 1e-6:
+            most_rad = _TURN_RADPS * PERIOD_S
+            self.yaw_rad[one] = math.remainder(self.yaw_rad[one] + max(min(turn_rad, most_rad), -most_rad), math.tau)
+        elif self._num_periods * PERIOD_S >= self._stand_until_s[one] and away_m > 0.0:
+            step = ahead * min(self._speed_mps[one] * PERIOD_S / away_m, 1.0)
+            if self._is_free(one, float(step[0]), float(step[1]), self._others(one, robot_xy_m)):
+                self.xy_m[one] += step
+            elif is_vacuum:
+                self._num_goals[one] += 1
+                random = np.random.default_rng([self._seed, 84, one, int(self._num_goals[one])])
+                back_rad = self.yaw_rad[one] + math.pi + random.uniform(-0.6, 0.6) * math.pi
+                self._path[one] = _far_ahead(self.xy_m[one], back_rad)
 
     def _put(self, one: int, x: float, y: float, vx: float, vy: float, walks: bool) -> None:
         """Note where a person is now, and turn and swing its limbs as its velocity [m/s] says."""
@@ -192,7 +256,7 @@ class Crowd:
     def _steer(self, one: int, x: float, y: float, robot_xy_m: Float[np.ndarray, "2"]) -> tuple[float, float, float]:
         """The place that a person steers for [m], and the speed it wants to have [m/s]."""
         time_s = self._num_periods * PERIOD_S
-        follows = one >= len(self.xy_m) - self.config.followers
+        follows = one >= self.config.number - self.config.followers
         if follows:
             near = math.dist((x, y), robot_xy_m) < self._robot_radius_m + _FOLLOW_M
             if near or self._num_periods % 10 == 1:
@@ -244,21 +308,36 @@ class Crowd:
             self._stand_until_s[one] = time_s + random.uniform(0.0, max(self.config.longest_stand_s, 1e-9))
         return stuck
 
+    def _others(self, one: int, robot_xy_m: Float[np.ndarray, "2"]) -> list[tuple[float, float, float]]:
+        """Where everybody else and the robot are, and how far from there one's middle touches them [m]."""
+        apart_m = (self.radius_m + self.radius_m[one]).tolist()
+        others = [(*self.xy_m[k].tolist(), apart_m[k]) for k in range(len(self.xy_m)) if k != one]
+        berth_m = _BERTH_M if one >= self.config.number else 0.0
+        robot_apart_m = float(self.radius_m[one]) + self._robot_radius_m + berth_m
+        return [*others, (float(robot_xy_m[0]), float(robot_xy_m[1]), robot_apart_m)]
+
     def _possible(
-        self, x: float, y: float, dx: float, dy: float, others: list[tuple[float, float, float]]
+        self, one: int, dx: float, dy: float, others: list[tuple[float, float, float]]
     ) -> tuple[float, float]:
         """The step [m], or its part along one axis, that leads into nothing and nobody; else none."""
-        for step_x, step_y in ((dx, dy), (dx, 0.0), (0.0, dy)):
-            clear = self.floor.clearance(x + step_x, y + step_y)[0]
-            if clear < BODY.radius_m and clear <= self.floor.clearance(x, y)[0]:
-                continue
-            for other_x, other_y, apart in others:
-                after = math.hypot(other_x - x - step_x, other_y - y - step_y)
-                if after < apart and after < math.hypot(other_x - x, other_y - y):
-                    break
-            else:
-                return step_x, step_y
-        return 0.0, 0.0
+        steps = (dx, dy), (dx, 0.0), (0.0, dy)
+        return next((step for step in steps if self._is_free(one, *step, others)), (0.0, 0.0))
+
+    def _is_free(self, one: int, dx: float, dy: float, others: list[tuple[float, float, float]]) -> bool:
+        """Whether a step [m] leads into nothing and nobody."""
+        x, y = self.xy_m[one].tolist()
+        clear = self.floor.clearance(x + dx, y + dy)[0]
+        if clear < self.radius_m[one] and clear <= self.floor.clearance(x, y)[0]:
+            return False
+        for other_x, other_y, apart in others:
+            after = math.hypot(other_x - x - dx, other_y - y - dy)
+            if after < apart and after < math.hypot(other_x - x, other_y - y):
+                return False
+        return True
+
+
+def _far_ahead(xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "1 2"]:
+    return xy_m[None] + _FAR_M * np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
 
 
 def _push(dx: float, dy: float, apart_m: float, yaw_rad: float) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 Hips and shoulders swing as sines of the gait's phase, knees bend while a leg swings forward, and the body is as high as
 the lower foot asks for: a planar leg of two links (Murray, Drought and Kory, Walking Patterns of Normal Men, 1964, for
-the angles).
+the angles). Vacuum robots and the chair are one body each.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.people.crowd import Crowd
+from anm_mj.people.crowd import CHAIR, VACUUM, Crowd
 from anm_mj.people.walking_floor import BODY
+from anm_mj.types import Footprint
 
 PREFIX = "person_"
+CHAIR_NAME, _VACUUM_NAME = "pushed_chair", "vacuum_robot_"
 GROUP = 0
-"""Geom group that the camera sees; of what is drawn, only people are in it."""
+"""Geom group that the camera sees; of what is drawn, only what moves is in it."""
 _PARTS = ("body", "left_thigh", "right_thigh", "left_shin", "right_shin", "left_arm", "right_arm")
 _SKIN = ((0.94, 0.78, 0.67), (0.80, 0.60, 0.46), (0.55, 0.38, 0.28), (0.36, 0.24, 0.18))
 _HAIR = ((0.15, 0.11, 0.09), (0.45, 0.30, 0.16), (0.75, 0.62, 0.36), (0.55, 0.55, 0.56))
@@ -37,6 +39,11 @@ _HIP_RAD, _KNEE_RAD, _ARM_RAD = math.radians(28.0), math.radians(50.0), math.rad
 """Largest swing of a fast walk."""
 
 
+_Rgb = tuple[float, float, float]
+_Part = tuple[str, _Rgb, list[float], list[float]]
+"""Shape, colour, half sizes [m] and place [m]."""
+
+
 class _Pose(NamedTuple):
     """Of a part in its person's frame: place [m] and angle about the axis to the left [rad]."""
 
@@ -47,8 +54,37 @@ class _Pose(NamedTuple):
 def add_figures(spec: mujoco.MjSpec, crowd: Crowd, seed: int) -> None:
     """Add everybody to an uncompiled model, as mocap bodies that the camera sees and the robot runs into."""
     spec.visual.quality.numslices, spec.visual.quality.numstacks = _SLICES, _STACKS
-    for number, height_m in enumerate(crowd.height_m.tolist()):
+    config = crowd.config
+    for number, height_m in enumerate(crowd.height_m[: config.number].tolist()):
         _add_figure(spec, f"{PREFIX}{number}_", height_m, np.random.default_rng([seed, 85, number]))
+    for number in range(config.vacuums):
+        r, top = VACUUM.radius_m, VACUUM.z_max_m
+        parts = [("cylinder", _SHOE, [r, top / 2 - 0.01, 0], [0, 0, top / 2 - 0.01])]
+        parts += [("cylinder", _HAIR[3], [r / 3, 0.01, 0], [0, 0, top - 0.01])]
+        _add_thing(spec, f"{_VACUUM_NAME}{number}", VACUUM, parts)
+    if config.has_chair:
+        parts = [("cylinder", _SHIRT[0], [CHAIR.radius_m, 0.02, 0], [0, 0, 0.45])]
+        parts += [("box", _HAIR[1], [0.02, 0.02, 0.215], [x, y, 0.215]) for x in (-0.13, 0.13) for y in (-0.13, 0.13)]
+        parts += [("box", _HAIR[1], [0.015, 0.115, 0.2], [-0.17, 0, 0.67])]
+        _add_thing(spec, CHAIR_NAME, CHAIR, parts)
+
+
+def _add_thing(spec: mujoco.MjSpec, name: str, space: Footprint, parts: list[_Part]) -> None:
+    body = spec.worldbody.add_body(name=name, mocap=True)
+    for shape, rgb, size, place in parts:
+        _add_geom(body, shape, rgb, size, pos=place)
+    _add_space(body, space.radius_m, space.z_max_m)
+
+
+def _add_geom(body: mujoco.MjsBody, shape: str, rgb: _Rgb, size: list[float], **where: list[float]) -> None:
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")
+    body.add_geom(type=kind, size=size, rgba=[*rgb, 1.0], group=GROUP, contype=0, conaffinity=0, mass=0.0, **where)
+
+
+def _add_space(body: mujoco.MjsBody, radius_m: float, height_m: float) -> None:
+    """What the robot runs into."""
+    kind, half_m = mujoco.mjtGeom.mjGEOM_CYLINDER, height_m / 2
+    body.add_geom(type=kind, size=[radius_m, half_m, 0], pos=[0, 0, half_m], group=3, mass=0.0)
 
 
 def _add_figure(spec: mujoco.MjSpec, name: str, height_m: float, random: np.random.Generator) -> None:
@@ -60,11 +96,8 @@ def _add_figure(spec: mujoco.MjSpec, name: str, height_m: float, random: np.rand
     h = height_m
     bodies = {part: spec.worldbody.add_body(name=name + part, mocap=True) for part in _PARTS}
 
-    def add(part: str, shape: str, rgb: tuple[float, ...], size: list[float], **where: list[float]) -> None:
-        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")
-        bodies[part].add_geom(
-            type=kind, size=size, rgba=[*rgb, 1.0], group=GROUP, contype=0, conaffinity=0, mass=0.0, **where
-        )
+    def add(part: str, shape: str, rgb: _Rgb, size: list[float], **where: list[float]) -> None:
+        _add_geom(bodies[part], shape, rgb, size, **where)
 
     add("body", "ellipsoid", trousers, [0.075 * broad * h, 0.10 * broad * h, 0.07 * h], pos=[0, 0, 0.545 * h])
     add("body", "ellipsoid", shirt, [0.07 * broad * h, 0.125 * broad * h, 0.17 * h], pos=[0, 0, 0.69 * h])
@@ -79,10 +112,7 @@ def _add_figure(spec: mujoco.MjSpec, name: str, height_m: float, random: np.rand
         elbow = [0.02 * h, 0, -0.17 * h]
         add(f"{side}_arm", "capsule", sleeves, [0.03 * h, 0, 0], fromto=[0, 0, 0, *elbow])
         add(f"{side}_arm", "capsule", skin, [0.024 * h, 0, 0], fromto=[*elbow, 0.07 * h, 0, -0.33 * h])
-    # What the robot runs into.
-    bodies["body"].add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[BODY.radius_m, h / 2, 0], pos=[0, 0, h / 2], group=3, mass=0.0
-    )
+    _add_space(bodies["body"], BODY.radius_m, h)
 
 
 class Figures:
@@ -92,18 +122,26 @@ class Figures:
         """Look up the figures of a crowd in a model."""
         self._mocap = [
             [int(model.body_mocapid[model.body(f"{PREFIX}{number}_{part}").id]) for part in _PARTS]
-            for number in range(len(crowd.xy_m))
+            for number in range(crowd.config.number)
         ]
+        things = [f"{_VACUUM_NAME}{number}" for number in range(crowd.config.vacuums)]
+        for name in things + [CHAIR_NAME] * crowd.config.has_chair:
+            self._mocap.append([int(model.body_mocapid[model.body(name).id])])
 
     def write(self, crowd: Crowd, data: mujoco.MjData) -> None:
         """Place and pose everybody in a state of the model."""
-        for number, state in enumerate(people_states(crowd).tolist()):
-            self._write_one(self._mocap[number], crowd.height_m[number], state, data)
+        for number, (x_m, y_m, yaw_rad, phase_rad, swing) in enumerate(_states(crowd).tolist()):
+            is_person = number < crowd.config.number
+            poses = _gait(crowd.height_m[number], phase_rad, swing) if is_person else [_Pose((0.0, 0.0, 0.0), 0.0)]
+            self._write_one(self._mocap[number], (x_m, y_m, yaw_rad), poses, data)
 
-    def _write_one(self, mocap: list[int], height_m: float, state: list[float], data: mujoco.MjData) -> None:
-        x_m, y_m, yaw_rad, phase_rad, swing = state
+    @staticmethod
+    def _write_one(
+        mocap: list[int], where: tuple[float, float, float], poses: list[_Pose], data: mujoco.MjData
+    ) -> None:
+        x_m, y_m, yaw_rad = where
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        for place, pose in zip(mocap, _gait(height_m, phase_rad, swing), strict=True):
+        for place, pose in zip(mocap, poses, strict=True):
             px, py, pz = pose.position_m
             data.mocap_pos[place] = x_m + c * px - s * py, y_m + s * px + c * py, pz
             cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
@@ -112,7 +150,11 @@ class Figures:
 
 
 def people_states(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
-    """Where everybody is and how they are posed: x [m], y [m], yaw [rad], phase of the gait [rad], swing."""
+    """Where people are and how they are posed: x [m], y [m], yaw [rad], phase of the gait [rad], swing."""
+    return _states(crowd)[: crowd.config.number]
+
+
+def _states(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
     return np.column_stack([crowd.xy_m, crowd.yaw_rad, crowd.phase_rad, crowd.swing])
 
 

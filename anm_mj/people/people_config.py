@@ -24,6 +24,20 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
     """So many of them follow the robot instead of walking about."""
     blocked_s: float = setting(0.0, at_least=0.0)
     """The first one stands in the doorway nearest to the robot's start for so long before it walks about [s]."""
+    vacuums: int = setting(0, at_least=0, at_most=100)
+    """So many vacuum robots drive about on the floor."""
+    chair_pushed_s: float = setting(0.0, at_least=0.0)
+    """A chair stands on the floor, and is pushed 0.7 m aside after so long [s]; 0 = there is none."""
+
+    @property
+    def has_chair(self) -> bool:
+        """Whether there is one that is pushed."""
+        return self.chair_pushed_s > 0.0
+
+    @property
+    def num_bodies(self) -> int:
+        """How many move through the scene: people, vacuum robots and the chair."""
+        return self.number + self.vacuums + self.has_chair
 
     def __post_init__(self) -> None:
         """Check the settings.

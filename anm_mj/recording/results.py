@@ -172,8 +172,8 @@ def write_results(
     recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
     mesh = trajectory = None
     if truth is not None:
-        mesh = quality_of_mesh(folder, truth, curve)
         run = read_run(folder.path)
+        mesh = quality_of_mesh(run, truth, curve)
         trajectory = trajectory_metrics(run, truth, curve)
         if trajectory is not None:
             lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
@@ -187,7 +187,6 @@ def write_results(
 
 
 def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange]) -> None:
-    """Draw the curve and the top-down map."""
     # No run waits for matplotlib before its first step.
     from anm_mj.viz.figure_file import save_figure
     from anm_mj.viz.plots import topdown_figure

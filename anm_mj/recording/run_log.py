@@ -114,6 +114,7 @@ class RunLog:
             line["true"] = _where(true.pose, true.T_world_camera)
         if true is not None and true.people is not None:
             line["people"] = true.people.states
+            line |= {"chair": true.people.chair} if true.people.chair else {}
         if estimate is not None:
             line["localisation"] = {
                 "state": estimate.state,

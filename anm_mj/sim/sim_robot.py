@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
@@ -9,7 +11,7 @@ from jaxtyping import Float, Float32
 from anm_mj.errors import RobotError
 from anm_mj.frames import pixel_directions, pose_matrix, relative_pose
 from anm_mj.people.crowd import Crowd
-from anm_mj.people.figures import Figures, people_states
+from anm_mj.people.figures import CHAIR_NAME, Figures, people_states
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
@@ -32,7 +34,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_figures", "_people_rays")
+    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_figures", "_people_rays", "_chair_rays")
 
     def __init__(
         self,
@@ -86,11 +88,15 @@ class SimRobot:
         """The next actions whose images were begun, and the state and the people after each."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
-        self._crowd, self._figures, self._people_rays = crowd, None, None
+        self._crowd, self._figures, self._people_rays, self._chair_rays = crowd, None, None, None
         if crowd is not None:
             geoms = visible_geoms(model)
+            geoms = geoms[are_moved(model, geoms)]
             self._figures = Figures(model, crowd)
-            self._people_rays = MovedRays(model, geoms[are_moved(model, geoms)])
+            if crowd.config.has_chair:
+                is_chair = model.geom_bodyid[geoms] == model.body(CHAIR_NAME).id
+                self._chair_rays, geoms = MovedRays(model, geoms[is_chair]), geoms[~is_chair]
+            self._people_rays = MovedRays(model, geoms)
 
     @property
     def footprint(self) -> Footprint:
@@ -132,10 +138,14 @@ class SimRobot:
         told = is_measured(seen.depth_m)
         if self._crowd is None or self._people_rays is None:
             return TrueView(pose, T_world_camera, np.where(told, exact_m, np.float32(np.nan)))
-        shown = self._people_rays.shown(self.data, T_world_camera, pixel_directions(seen.intrinsics), exact_m)
-        depth_m = np.where(told & ~shown, exact_m, np.float32(np.nan))
-        nearest_m = self._crowd.distance_m(pose.xy_m)
-        return TrueView(pose, T_world_camera, depth_m, TruePeople(people_states(self._crowd), shown, nearest_m))
+        view = self.data, T_world_camera, pixel_directions(seen.intrinsics), exact_m
+        shown = self._people_rays.shown(*view)
+        people = TruePeople(people_states(self._crowd), shown, self._crowd.distance_m(pose.xy_m))
+        if self._chair_rays is not None:
+            chair_shown = self._chair_rays.shown(*view)
+            people = replace(people, chair=self._crowd.chair, chair_shown=chair_shown)
+            shown = shown | chair_shown
+        return TrueView(pose, T_world_camera, np.where(told & ~shown, exact_m, np.float32(np.nan)), people)
 
     @property
     def odometry(self) -> Pose2:

@@ -121,14 +121,18 @@ class Observation:
 
 @dataclass(frozen=True)
 class TruePeople:
-    """The people in the scene at an observation; for the evaluation, never for the robot."""
+    """What moves in the scene at an observation; for the evaluation, never for the robot."""
 
     states: Float[np.ndarray, "n 5"]
-    """x [m], y [m], yaw [rad], phase of the gait [rad], and how far the limbs swing, in [0, 1]."""
+    """Of people: x [m], y [m], yaw [rad], phase of the gait [rad], and how far the limbs swing, in [0, 1]."""
     shown: Bool[np.ndarray, "h w"]
-    """The pixels that show somebody."""
+    """The pixels that show people or vacuum robots."""
     nearest_m: float
-    """Between the robot's body and the nearest person's [m]."""
+    """Between the robot's body and the nearest one of people and things [m]."""
+    chair: tuple[float, float, float] | None = None
+    """Where the chair that is pushed stands: x [m], y [m], yaw [rad]; None without."""
+    chair_shown: Bool[np.ndarray, "h w"] | None = None
+    """The pixels that show it: surface while it stands, moved right after it was pushed, so neither is wrong."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,6 @@ class TrueView:
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     depth_m: Float32[np.ndarray, "h w"]
-    """Exact planar z where the sensor gave a value [m]; not finite elsewhere, nor where it shows people."""
+    """Exact planar z where the sensor gave a value [m]; not finite elsewhere, nor where it shows what moves."""
     people: TruePeople | None = None
     """None where nobody is in the scene."""

@@ -44,6 +44,18 @@ def test_a_shifted_mesh_is_off_by_the_shift_both_ways(offset_m, ratio):
     assert found.completion_ratio_percent == ratio
 
 
+def test_a_chair_is_no_ghost_where_it_stands():
+    floor, seat = plate(4.0, 3.0, 0.0, cells=20), plate(0.3, 0.3, 0.45)
+    mesh, truth = trimesh.util.concatenate([floor, seat]), truth_of(plate(4.0, 3.0, 0.0))
+    everything = np.ones(len(truth.samples), bool)
+    here, gone = (
+        mesh_quality(*mesh_arrays(mesh), truth, everything, 5_000, at) for at in ((0.15, 0.15, 0.0), (9.0, 9.0, 0.0))
+    )
+    assert here[0].ghost_percent == 0.0
+    assert gone[0].ghost_percent == pytest.approx(100 * 0.09 / 12.09, rel=0.3)
+    assert here[0].accuracy_cm == pytest.approx(0.0, abs=1e-6)
+
+
 def test_half_a_mesh_is_accurate_but_not_complete():
     found = quality(plate(2.0, 3.0, 0.0), truth_of(plate(4.0, 3.0, 0.0)))
     assert found.accuracy_cm == pytest.approx(0.0, abs=1e-6)
