@@ -219,27 +219,23 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
     """
     few = extra.subsample(config.retry_points)
     information = np.linalg.inv(prior.covariance)
-    size = len(prior.covariance)
 
-    def cost(offset: Float[np.ndarray, " k"]) -> float:
+    def looks(offset: Float[np.ndarray, " k"]) -> tuple[float, float]:
+        """Cost of an offset, and the points that take part."""
         sums = few(moved_camera(prior.T_world_camera, prior.basis @ offset), config.first_kernel, True)
-        share = sums.num_points / max(1, len(few))
         mean = sums.cost / max(sums.num_points, 1.0) + sums.mean_gray_cost
-        # What leaves the picture costs as much as outliers do, or a place that shows nothing alike would cost nothing.
-        mean = share * mean + (1.0 - share) * config.kernel**2
-        return config.information * len(extra) * mean + float(offset @ information @ offset)
+        return config.information * len(extra) * mean + float(offset @ information @ offset), sums.num_points
 
-    best, lowest = np.zeros(size), np.inf
+    best = np.zeros(len(prior.covariance))
     for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
         deviation = float(np.sqrt(prior.covariance[axis, axis]))
         if deviation < config.search_least_rad:
             continue
-        way = prior.covariance[axis] / deviation
-        middle = best
-        for share in np.linspace(-3.0, 3.0, 13).tolist():
-            value = cost(middle + share * way)
-            if value < lowest:
-                best, lowest = middle + share * way, value
+        offsets = best + np.linspace(-3.0, 3.0, 13)[:, None] * prior.covariance[axis] / deviation
+        costs, counts = np.array([looks(offset) for offset in offsets]).T
+        # A turn costs overlap, which says nothing against it; but few points may fit anywhere.
+        costs[counts < 0.5 * counts.max()] = np.inf
+        best = offsets[int(np.argmin(costs))]
     return moved_camera(prior.T_world_camera, prior.basis @ best)
 
 
