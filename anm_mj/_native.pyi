@@ -203,6 +203,7 @@ def frame_to_frame(
     camera: NDArray[np.float64],
     T: NDArray[np.float64],
     settings: NDArray[np.float64],
+    num_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 def smoothed_depth(depth: _Floats, radius: int, noise: float, spread_share: float) -> _Floats: ...
 def ray_batches(

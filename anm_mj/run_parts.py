@@ -106,7 +106,10 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
     mapper = make_mapper(config)
     if prior is not None:
         prior.begin(mapper)
-    with _make_robot(config, scene) as robot:
+    from anm_mj.sim.make_robot import make_robot
+
+    knows_start = not config.unknown_start
+    with make_robot(scene, config, knows_start=knows_start, anticipates=True, forgets_textures=True) as robot:
         if config.unknown_start and config.start is None:
             config = _somewhere(config, scene, robot)
         truth = functools.cache(lambda: _true_scene(scene, robot, steps, observers))
@@ -174,12 +177,6 @@ def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> Fi
     return FieldLocaliser(
         mapper, config.localisation, seed=config.seed, planar=False, odometry=has_poses, base_pose=base_pose
     )
-
-
-def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
-    from anm_mj.sim.make_robot import make_robot
-
-    return make_robot(scene, config, knows_start=not config.unknown_start, anticipates=True, forgets_textures=True)
 
 
 def _somewhere(config: RunConfig, scene: Scene, robot: SimRobot) -> RunConfig:

@@ -110,7 +110,12 @@ struct Gain {
         square += weight * value * value;
         gradient += weight * value * difference;
     }
-    void leave_out(NormalEquations& out) const {
+    void add(const Gain& other) {
+        for (int k = 0; k < 6; ++k) cross[k] += other.cross[k];
+        square += other.square;
+        gradient += other.gradient;
+    }
+    void marginalize(NormalEquations& out) const {
         const double whole = square + 1.0 / (kDeviation * kDeviation);
         int k = 0;
         for (int i = 0; i < 6; ++i) {
@@ -121,12 +126,29 @@ struct Gain {
     }
 };
 
-// Sums over a frame's points, by this camera's displacement along the earlier camera's axes and its rotation vector
-// about them. sums: of distances, then of grey values. gray: of the points.
-inline void frame_to_frame(const FramePoints& points, const float* gray, const Image& image, const FrameAlignment& at,
-                           NormalEquations* sums) {
+// Sums over points: of distances, then of grey values.
+struct FrameSums {
+    NormalEquations of[2];
     Gain gain;
-    for (int i = 0; i < points.count; ++i) {
+
+    void add(const FrameSums& other) {
+        for (int kind = 0; kind < 2; ++kind) {
+            for (int k = 0; k < 21; ++k) of[kind].hessian[k] += other.of[kind].hessian[k];
+            for (int k = 0; k < 6; ++k) of[kind].gradient[k] += other.of[kind].gradient[k];
+            of[kind].cost += other.of[kind].cost;
+            of[kind].weight += other.of[kind].weight;
+            of[kind].count += other.of[kind].count;
+        }
+        gain.add(other.gain);
+    }
+};
+
+// Sums over some of a frame's points, by this camera's displacement along the earlier camera's axes and its rotation
+// vector about them. gray: of the points.
+inline void frame_to_frame(const FramePoints& points, const float* gray, int begin, int end, const Image& image,
+                           const FrameAlignment& at, FrameSums& out) {
+    NormalEquations* sums = out.of;
+    for (int i = begin; i < end; ++i) {
         if (!(points.trust[i] > 0.0F)) continue;
         const float* x = points.camera + 3 * static_cast<std::ptrdiff_t>(i);
         double arm[3], p[3], length = 0.0;
@@ -196,21 +218,21 @@ inline void frame_to_frame(const FramePoints& points, const float* gray, const I
         sums[1].cost += weight * gray_share * total;
         sums[1].weight += weight * gray_share * gray_share;
         sums[1].count += 1.0;
-        gain.add(row, difference, there, believed);
+        out.gain.add(row, difference, there, believed);
     }
-    gain.leave_out(sums[1]);
 }
 
 // The mean of inverse depth over squares that reach `radius` pixels, as depth; at edges, where the squares spread by more
 // than a share of themselves and the noise, what was measured, negative; 0 where nothing was measured.
 inline void smoothed_depth(const float* depth, int height, int width, int radius, double noise, double spread_share,
                            float* out) {
+    constexpr float kNearest = 1e-3F;  // m; the squares of what is nearer would drown the others in the running sums
     struct Sums { double count, total, square; };
     const int size = 2 * radius + 1;
     std::vector<Sums> columns(static_cast<std::size_t>(width), Sums{0.0, 0.0, 0.0});
     const auto inverse_at = [&](int row, int col) {
         const float z = depth[static_cast<std::ptrdiff_t>(row) * width + col];
-        return z > 0.0F && z < Image::kMeasured ? 1.0 / static_cast<double>(z) : 0.0;
+        return z > kNearest && z < Image::kMeasured ? 1.0 / static_cast<double>(z) : 0.0;
     };
     const auto add_line = [&](int row, double sign) {
         if (row < 0 || row >= height) return;

@@ -1,8 +1,14 @@
 // What localisation computes beside the engine, as Python sees it.
+#include <algorithm>
+#include <vector>
+
 #include "bindings.h"
 #include "frame_to_frame.h"
+#include "thread_pool.h"
 
 namespace {
+
+constexpr int kPart = 512;  // points of a task; fixed, so that sums do not depend on the number of threads
 
 using DoublesIn = Array<const double, 2>;
 using DoublesFlat = Array<const double, 1>;
@@ -10,7 +16,7 @@ using DoublesFlat = Array<const double, 1>;
 // Depth is of 16 bits, grey values are of 8. Normal equations [2][6][6] and [2][6], costs, weights and counts [2][3] of a frame against an earlier one.
 nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, Array<const std::uint16_t, 2> depth,
                          Array<const std::uint8_t, 2> image_gray,
-                         DoublesFlat camera, DoublesIn T, DoublesFlat settings) {
+                         DoublesFlat camera, DoublesIn T, DoublesFlat settings, int num_threads) {
     const std::size_t count = points.shape(0);
     require(points.shape(1) == 3 && gray.size() == count && variance.size() == count && trust.size() == count,
             "grey values, variance and trust need a value per point");
@@ -32,12 +38,27 @@ nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, 
     at.gray_deviation = settings(5);
     at.gray_kernel = settings(6);
     at.stencil = static_cast<int>(settings(7));
-    anm::NormalEquations sums[2];
+    struct Call {
+        const anm::FramePoints& frame;
+        const float* gray;
+        const anm::Image& image;
+        const anm::FrameAlignment& at;
+        std::vector<anm::FrameSums> parts;
+    };
+    Call call{frame, gray.data(), image, at, std::vector<anm::FrameSums>((count + kPart - 1) / kPart)};
+    const auto part = [](void* arg, int task, int) {
+        Call& of = *static_cast<Call*>(arg);
+        const int begin = task * kPart, end = std::min(begin + kPart, of.frame.count);
+        anm::frame_to_frame(of.frame, of.gray, begin, end, of.image, of.at, of.parts[static_cast<std::size_t>(task)]);
+    };
+    anm::FrameSums whole;
     {
         nb::gil_scoped_release release;
-        anm::frame_to_frame(frame, gray.data(), image, at, sums);
+        anm::thread_pool().run(num_threads, static_cast<int>(call.parts.size()), part, &call);
+        for (const anm::FrameSums& each : call.parts) whole.add(each);
     }
-    return as_arrays(sums);
+    whole.gain.marginalize(whole.of[1]);
+    return as_arrays(whole.of);
 }
 
 Out smoothed_depth(In depth, int radius, double noise, double spread_share) {
@@ -53,6 +74,6 @@ Out smoothed_depth(In depth, int radius, double noise, double spread_share) {
 
 void bind_localisation(nb::module_& m) {
     m.def("frame_to_frame", &frame_to_frame, "points"_a, "gray"_a, "variance"_a, "trust"_a, "depth"_a, "image_gray"_a,
-          "camera"_a, "T"_a, "settings"_a);
+          "camera"_a, "T"_a, "settings"_a, "num_threads"_a);
     m.def("smoothed_depth", &smoothed_depth, "depth"_a, "radius"_a, "noise"_a, "spread_share"_a);
 }

@@ -42,7 +42,7 @@ from anm_mj.types import Pose2
 
 SENSOR, WHEELS = "d435i", "model.wheel_noise=0.02"
 COLUMNS = (
-    "scene, start, errors, steps, over ROS 2, in one process, turns, in one process, contacts, real-time factor, "
+    "scene, start, errors, steps, over ROS 2, in one process, turns, turns in one process, contacts, real-time factor, "
     "left out, stops, load"
 )
 START_S = 10.0
@@ -82,7 +82,10 @@ def pair(out: Path, scene: str, number: int, steps: int, seed: int, *, noisy: bo
     inside, wire = RunFolder(out / f"{name}_inside"), RunFolder(out / f"{name}_wire")
     # Errors of the wheels without a correction are no matter of the wire.
     believed = {"pose": "slam" if noisy else "odometry", "steps": steps, "seed": seed}
-    start = load_scene(folder_of(scene)).starts[number]
+    known = load_scene(folder_of(scene)).starts
+    if number >= len(known):
+        raise SystemExit(f"{scene} has {len(known)} starts, and none of number {number}; give --starts smaller ones.")
+    start = known[number]
     there = (start.x_m, start.y_m, math.degrees(start.yaw_rad))
     if not inside.metrics.is_file():
         explore_inside(inside.path, scene, noisy=noisy, start=there, **believed)

@@ -58,7 +58,7 @@ def main(
     settings = [f"people.number={people}"]
     config = make_config("quick", settings, scene=scene, policy=policy, steps=steps, drive=drive, seed=seed)
     recorder = SequenceRecorder(out)
-    with make_robot(load_scene(scene), drive=drive, image_px=image_px, people=config.people) as robot:
+    with make_robot(load_scene(scene), drive=drive, image_px=image_px, people=config.people, seed=seed) as robot:
         outcome = explore(
             robot,
             NeuralMap(config.mapping, seed=seed, device="cpu"),

@@ -15,15 +15,18 @@ fail() { echo "set-up: $*" >&2; exit 1; }
 # The build of torch, as uv names it (UV_TORCH_BACKEND=cpu, cu128, ...), or that of the last set-up; none: chosen below.
 torch_backend=${UV_TORCH_BACKEND:-$(cat "$venv/torch-backend" 2>/dev/null || true)}
 unset UV_TORCH_BACKEND
+asked_backend=$torch_backend
 
-# What the environment was made from. The path counts too: scripts and the editable install name it. So does the
-# compiler.
+has_nvidia() { command -v nvidia-smi >/dev/null || [ -e /proc/driver/nvidia/version ]; }
+
+# What the environment was made from. The path counts too: scripts and the editable install name it. So do the
+# compiler and a GPU, which the build of torch is chosen by.
 state() {
     {
         cat requirements.txt pyproject.toml scripts/setup.sh native/*
         pwd
         "${CXX:-c++}" --version 2>/dev/null || true
-        printf '%s' "$torch_backend"
+        printf '%s' "$asked_backend" "$(has_nvidia && echo nvidia)"
     } | sha256sum | cut -d ' ' -f 1
 }
 
@@ -98,7 +101,7 @@ prepare_uv() {
     awk '/^[^ #]/ { uv = /^uv==/ } uv' requirements.txt >"$pins"
     "$python" -m pip install --quiet --no-deps --require-hashes --requirement "$pins" || return
     export_pip_settings
-    [ -z "$torch_backend" ] && ! command -v nvidia-smi && ! [ -e /proc/driver/nvidia/version ] || return 0
+    [ -z "$torch_backend" ] && ! has_nvidia || return 0
     UV_HTTP_RETRIES=0 UV_HTTP_TIMEOUT=10 "$python" -m uv pip install --quiet --dry-run --python "$python" --no-deps \
         --torch-backend cpu "$(grep -o '^torch==[^ ]*' requirements.txt)" && torch_backend=cpu || true
 }
@@ -203,6 +206,6 @@ prepare_compiler
 install_packages
 compile_packages
 prepare_graphics
-[ -z "$torch_backend" ] || echo "$torch_backend" >"$venv/torch-backend"
+[ -z "$asked_backend" ] || echo "$asked_backend" >"$venv/torch-backend"
 state >"$stamp"
 say "done in $SECONDS s"

@@ -44,8 +44,6 @@ class StoredState:
 
 
 class _Header(Struct):
-    """The header of a checkpoint."""
-
     step: Annotated[int, Meta(ge=0, le=10**9)]
     facts: dict[str, Any]
     sizes: list[_Count]

@@ -233,5 +233,4 @@ def run_python(program: str) -> subprocess.CompletedProcess[str]:
 
 
 def _last_line(text: str) -> str:
-    """The last line of an error message."""
     return text.strip().rpartition("\n")[2].strip() or "no message"

@@ -82,6 +82,7 @@ class ProgressLine:
         if report.update.num_iterations:  # Not every step trains.
             self._loss = report.update.loss
         self._begun = self._begun or (report.step, time.monotonic())
+        # The last step's line is printed at the end, with its completion.
         if self._live is None and (report.step % PLAIN_EVERY or report.step == num_steps):
             return
         parts = [*self._so_far(report.step, report.loop_s), self._left(report.step, num_steps)]

@@ -35,15 +35,7 @@ def export_sdf(run: Run, out: Path, on_progress: Callable[[int, int], None] = la
     volume = _volume(run, on_progress)
     path = out / "sdf.npz"
     with writing(path):
-        np.savez_compressed(
-            path,
-            allow_pickle=False,
-            sdf_m=volume.sdf_m,
-            state=volume.state,
-            origin_m=volume.origin_m,
-            spacing_m=volume.spacing_m,
-            truncation_m=volume.truncation_m,
-        )
+        np.savez_compressed(path, allow_pickle=False, **vars(volume))
     return [path]
 
 

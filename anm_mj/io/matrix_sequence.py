@@ -64,8 +64,6 @@ def read_scannet(folder: Path) -> Sequence:
 
 
 class _Open3dCamera(Struct):
-    """A camera as Open3D writes it."""
-
     width: Pixels
     height: Pixels
     intrinsic_matrix: Annotated[list[Number], Meta(min_length=9, max_length=9)]

@@ -10,7 +10,6 @@ Frame numbers start at 0, in the order of the lines.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import asdict
 from pathlib import Path
 
@@ -31,8 +30,6 @@ from anm_mj.utils.read_file import convert, read_json, read_table
 
 _DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
-
-_logger = logging.getLogger(__name__)
 
 
 def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:

@@ -135,7 +135,6 @@ class RunFolder:
 
 
 def _folders_beside(path: Path) -> list[str]:
-    """The folders in the same place as a path."""
     try:
         return [str(one) for one in path.parent.iterdir() if one.is_dir()]
     except OSError:

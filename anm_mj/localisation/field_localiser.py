@@ -26,11 +26,11 @@ from anm_mj.localisation.registration import (
     PLANAR,
     Prior,
     Registration,
-    found_by_looks,
     is_jump,
     may_be_wrong,
     register,
     register_from_several,
+    rotation_search,
 )
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
@@ -138,18 +138,18 @@ class FieldLocaliser:
         noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
-        told = observation
+        static_view = observation
         if self._map.config.moving.detect and not lost:
-            told = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)
-        self._points = points = draw_points(told, settings.num_points, noise, settings.range_m, rng)
+            static_view = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)
+        self._points = points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
         image = key_image(observation, self.config.key_images.longest_px, noise)
-        extra = self._extra(told, image, points, prior, rng)
+        extra = self._extra(static_view, image, points, prior, rng)
         align, known = self._map.backend.align, self._known
-        start = None if extra is None else found_by_looks(prior, extra, settings)
+        start = None if extra is None else rotation_search(prior, extra, settings)
         found = register(points, prior, align, known, settings, extra, start)
         if may_be_wrong(prior, found, self._costs, self.config.registration):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
@@ -229,7 +229,7 @@ class FieldLocaliser:
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
     def _extra(
-        self, told: Observation, image: KeyImage, points: FramePoints, prior: Prior, rng: np.random.Generator
+        self, static_view: Observation, image: KeyImage, points: FramePoints, prior: Prior, rng: np.random.Generator
     ) -> FrameToImages | None:
         """Earlier frames that a frame is compared with."""
         config = self.config.key_images
@@ -237,9 +237,11 @@ class FieldLocaliser:
         if not images:
             return None
         noise = self._map.occupancy.by_depth.noise.value
-        many = draw_points(told, config.num_points, noise, self.config.registration.range_m, rng)
-        depth_share = min(1.0, len(points) / max(1, len(many)))
-        return FrameToImages(self._key_images, images, many, coarse_gray_at(image, many), noise, depth_share)
+        image_points = draw_points(static_view, config.num_points, noise, self.config.registration.range_m, rng)
+        depth_share = min(1.0, len(points) / max(1, len(image_points)))
+        return FrameToImages(
+            self._key_images, images, image_points, coarse_gray_at(image, image_points), noise, depth_share
+        )
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""

@@ -19,6 +19,7 @@ from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
+from anm_mj.utils.threads import usual_num_threads
 
 _MOST_TRIED, _LATEST_TRIED = 12, 3
 """Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
@@ -219,6 +220,7 @@ class KeyImages:
             image.camera,
             np.ascontiguousarray(T),
             settings,
+            usual_num_threads(),
         )
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
@@ -282,8 +284,8 @@ class FrameToImages:
         """The same of each ``step``-th point."""
         return self._some(self._images, step)
 
-    def glance(self, num_points: int) -> FrameToImages:
-        """The same of about so many points, with the latest image alone."""
+    def subsample(self, num_points: int) -> FrameToImages:
+        """The same of about so many points, with the last image alone: the latest, or the best of the latest."""
         return self._some(self._images[-1:], max(1, len(self) // num_points))
 
     def _some(self, images: list[KeyImage], step: int) -> FrameToImages:
@@ -296,6 +298,8 @@ def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, 
     """Coarse grey values of a frame's points in its own image, in [0, 1]."""
     fx, fy, cx, cy = image.camera
     depth = points.camera_m[:, 2]
+    if not image.coarse.size:
+        return np.zeros(len(points), np.float32)
     # The first pixel's centre is at 0.
     col = (fx * points.camera_m[:, 0] / depth + cx) / _COARSE - 0.5
     row = (fy * points.camera_m[:, 1] / depth + cy) / _COARSE - 0.5

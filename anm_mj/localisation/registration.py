@@ -64,7 +64,7 @@ class Extra(Protocol):
         """The same of each ``step``-th of its points."""
         ...
 
-    def glance(self, num_points: int) -> Extra:
+    def subsample(self, num_points: int) -> Extra:
         """The same of about so many points, compared with one frame alone."""
         ...
 
@@ -166,11 +166,12 @@ def register(
     # While the kernel is wide, fewer points find the place.
     all_points, all_extra = points, extra
     points, extra = points.every(_COARSE_STEP), extra and extra.every(_COARSE_STEP)
+    coarse_iterations = min(config.shrink_iterations, config.iterations)
     iteration = 0
     while True:
-        if iteration == config.shrink_iterations:
+        if iteration == coarse_iterations:
             points, extra = all_points, all_extra
-        if iteration in (0, config.shrink_iterations):
+        if iteration in (0, coarse_iterations):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
         equations, hessian, gradient, fits = sums(T, share)
@@ -210,19 +211,22 @@ def register(
     )
 
 
-def found_by_looks(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
+def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
     """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
 
     A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
     turn, with the displacement that goes with it.
     """
-    few = extra.glance(config.retry_points)
+    few = extra.subsample(config.retry_points)
     information = np.linalg.inv(prior.covariance)
     size = len(prior.covariance)
 
     def cost(offset: Float[np.ndarray, " k"]) -> float:
         sums = few(moved_camera(prior.T_world_camera, prior.basis @ offset), config.first_kernel, True)
+        share = sums.num_points / max(1, len(few))
         mean = sums.cost / max(sums.num_points, 1.0) + sums.mean_gray_cost
+        # What leaves the picture costs as much as outliers do, or a place that shows nothing alike would cost nothing.
+        mean = share * mean + (1.0 - share) * config.kernel**2
         return config.information * len(extra) * mean + float(offset @ information @ offset)
 
     best, lowest = np.zeros(size), np.inf

@@ -193,7 +193,8 @@ class MovingConfig(Settings, group="mapping.moving", error=MapError):
     memory_frames: int = setting(60, at_least=0)
     """So many frames after something moved, looking through voxels near there counts as much as a hit."""
     held_frames: int = setting(20, at_least=1, at_most=10000)
-    """What moves and is taken for an obstacle is one for so many frames, or until it is looked through."""
+    """What moves and is taken for an obstacle is one for so many frames, each time again for twice as many, or until
+    it is looked through."""
 
 
 @dataclass(frozen=True)

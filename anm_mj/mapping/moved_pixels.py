@@ -40,7 +40,7 @@ class MovedVoxels:
         self._newest: Int64[np.ndarray, "n 3"] = np.zeros((0, 3), np.int64)
         """Where something moved in the last frame that showed any, by x, y and z index."""
         self._seen = np.zeros(0, np.int64), np.zeros(0, np.int64)
-        """Voxels in which something moved lately, as single numbers in ascending order, and when last."""
+        """Voxels in which something moved lately, as single numbers, and when last."""
         self._held: list[tuple[int, int, Float[np.ndarray, "n 3"], Int64[np.ndarray, "m 3"]]] = []
         """What is held: until which frame, for how many, around which discs, and the voxels."""
         low, high = (round(height / occupancy.voxel_m) for height in _THING_M)
@@ -83,7 +83,7 @@ class MovedVoxels:
     def hold(self, voxels: VoxelArrays, discs: Float[np.ndarray, "n 3"], frame: int) -> None:
         """Take what moved last for an obstacle, and discs about x and y with a radius [m].
 
-        Looking through frees it, or time: what is held again about the same place is held for twice as long.
+        Looking through frees it, or time: what is held again about the same place is held for twice as long as before.
         """
         edge = self._occupancy.voxel_m
         low, high = (round(height / edge) for height in _HELD_M)
@@ -104,7 +104,13 @@ class MovedVoxels:
         if over:
             still = [_keys(held[3]) for held in self._held if held[0] > frame]
             places = np.concatenate(over)
-            self._set(voxels, places[~np.isin(_keys(places), np.concatenate([*still, []]))], frame, OCCUPIED, FREE)
+            self._set(
+                voxels,
+                places[~np.isin(_keys(places), np.concatenate([*still, np.zeros(0, np.int64)]))],
+                frame,
+                OCCUPIED,
+                FREE,
+            )
         # How long it was held is remembered for as long again.
         self._held = [held for held in self._held if held[0] + held[1] > frame]
 
@@ -146,7 +152,7 @@ def _keys(places: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
 def _meet(places: Float[np.ndarray, "n 3"], others: Float[np.ndarray, "m 3"]) -> bool:
     """Whether a disc of some, by x, y and radius, overlaps one of others."""
     apart = np.linalg.norm(places[:, None, :2] - others[None, :, :2], axis=2)
-    return bool((apart < places[:, None, 2] + others[None, :, 2]).any())
+    return bool((apart <= places[:, None, 2] + others[None, :, 2]).any())
 
 
 def _distinct(indices: Int64[np.ndarray, "n d"]) -> Int64[np.ndarray, "m d"]:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.spatial import KDTree
 from skimage.graph import MCP_Geometric
 
 from anm_mj.errors import SceneError
@@ -51,7 +52,8 @@ class WalkingFloor:
         self._cost = np.where(routes.component == 1, 1.0 + 2.0 * crowding, -1.0)
         self._doorways_m = self._find_doorways()
         places = routes.grid.centres_m(*np.nonzero(self._roomy(routes)))
-        apart_m = np.linalg.norm(places[:, None] - self._doorways_m, axis=2).min(axis=1, initial=math.inf)
+        doorways = self._doorways_m
+        apart_m = KDTree(doorways).query(places)[0] if len(doorways) else np.full(len(places), math.inf)
         places = places[apart_m > _IN_DOORWAY_M] if (apart_m > _IN_DOORWAY_M).any() else places
         self.places_m: Float[np.ndarray, "n 2"] = places if len(places) else routes.places(1)
         """Places to walk to, and to stand at: not in doorways, where there are others [m]."""

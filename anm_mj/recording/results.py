@@ -187,7 +187,6 @@ def write_results(
 
 
 def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange]) -> None:
-    """Draw the curve and the top-down map."""
     # No run waits for matplotlib before its first step.
     from anm_mj.viz.figure_file import save_figure
     from anm_mj.viz.plots import topdown_figure

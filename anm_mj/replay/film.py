@@ -227,7 +227,6 @@ def _far_m(timeline: Timeline) -> float:
 
 
 def _coding(suffix: str, fps: float) -> dict[str, Any]:
-    """Options of ffmpeg."""
     if suffix == ".mp4":
         options = ["-preset", "veryfast", "-crf", "23"]
         return {"codec": "libx264", "quality": None, "macro_block_size": 2, "output_params": options}

@@ -62,7 +62,9 @@ def growing_mesh(
     """
     if not run.folder.mesh.is_file():
         return None
-    vertices, faces, rgb = _of_faces(*read_coloured_mesh(run.folder.mesh), _below_the_cut)
+    vertices, faces, rgb = _of_faces(
+        *read_coloured_mesh(run.folder.mesh), lambda points_m, faces: (points_m[faces, 2] < CEILING_CUT_M).all(axis=1)
+    )
     vertices, faces, rgb = _of_faces(vertices, faces, rgb, without_shards)
     size_m = 0.05
     while max_faces is not None and len(faces) > max_faces:
@@ -117,10 +119,6 @@ def without_shards(vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, 
     far = KDTree(middle[is_large]).query(middle[~is_large], distance_upper_bound=FAR_M)[0] > FAR_M
     near_faces = np.bincount(piece[~is_large], ~far, minlength=len(area_m2))
     return is_large | (near_faces[piece] > 0)
-
-
-def _below_the_cut(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    return (vertices_m[faces, 2] < CEILING_CUT_M).all(axis=1)
 
 
 def _of_faces(

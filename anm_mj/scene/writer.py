@@ -131,13 +131,7 @@ def write_scene(
         rooms = rooms or len(segment_rooms(triangles, area).area_m2) or None
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
-        "name": info.name,
-        "source": info.source,
-        "licence": info.licence,
-        "up": info.up,
-        "up_how": info.up_how,
-        "scale": info.scale,
-        "scale_how": info.scale_how,
+        **{key: getattr(info, key) for key in ("name", "source", "licence", "up", "up_how", "scale", "scale_how")},
         "floor_removed": round(info.floor_removed_m, 4),
         "origin": list(info.origin_m) if any(info.origin_m) else None,
         "bounds": bounds.round(4).tolist(),

@@ -62,7 +62,9 @@ class PoseCheck:
             sdf_m: signed distance of the map before this frame [m]; None: a jump is taken as it is.
             judges: whether jumps are looked for.
         """
-        last, observation = self._last, self._corrected(observation)
+        last = self._last
+        if not np.array_equal(self._T_fixed_said, np.eye(4)):
+            observation = _moved(observation, self._T_fixed_said)
         self._T_base_camera = np.linalg.inv(pose_matrix(observation.pose)) @ observation.T_world_camera
         if last is not None and judges:
             there, said = _after(last, action), observation.pose
@@ -84,12 +86,6 @@ class PoseCheck:
                     observation = driven
         self._last = observation.pose
         return observation
-
-    def _corrected(self, observation: Observation) -> Observation:
-        """The frame with the correction that is in force."""
-        if np.array_equal(self._T_fixed_said, np.eye(4)):
-            return observation
-        return _moved(observation, self._T_fixed_said)
 
 
 def _moved(observation: Observation, T_new_old: Float[np.ndarray, "4 4"]) -> Observation:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import atexit
 import functools
-import logging
 import os
 import weakref
 from collections.abc import Iterator
@@ -22,8 +21,6 @@ from anm_mj.errors import RenderError
 from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
 from anm_mj.sim.culling import Culling, is_worth_culling
 from anm_mj.sim.gl import forget_backend
-
-_logger = logging.getLogger(__name__)
 
 _MAX_GEOMS = 20_000
 _FLAGS_OFF = ("SHADOW", "REFLECTION", "SKYBOX", "FOG", "HAZE", "WIREFRAME", "ADDITIVE")

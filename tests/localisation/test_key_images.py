@@ -9,7 +9,7 @@ import pytest
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import FrameToImages, KeyImages, coarse_gray_at, key_image, smoothed_depth
 from anm_mj.localisation.localisation_config import KeyImageConfig, RegistrationConfig
-from anm_mj.localisation.registration import PLANAR, Prior, found_by_looks
+from anm_mj.localisation.registration import PLANAR, Prior, rotation_search
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
@@ -51,7 +51,7 @@ def test_exposure_is_no_motion(room: Room, images: KeyImages) -> None:
     assert np.linalg.norm(off[1] - off[0]) < 0.002
 
 
-def test_a_vague_turn_is_found_by_looks(room: Room, images: KeyImages) -> None:
+def test_a_vague_turn_is_rotation_search(room: Room, images: KeyImages) -> None:
     frame = room.observe(1.5, 1.5, 0.1, size=128)
     points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
     gray = coarse_gray_at(key_image(frame, CONFIG.longest_px), points)
@@ -59,11 +59,30 @@ def test_a_vague_turn_is_found_by_looks(room: Room, images: KeyImages) -> None:
     for off in (-0.12, 0.12):
         T = moved_camera(frame.T_world_camera, np.array([0.0, 0.0, 0.0, 0.0, 0.0, off]))
         prior = Prior(T, np.diag([0.01, 0.01, 0.08]) ** 2, PLANAR)
-        start = found_by_looks(prior, extra, RegistrationConfig())
+        start = rotation_search(prior, extra, RegistrationConfig())
         assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.03
         # What is well known is not searched for.
         sure = replace(prior, covariance=np.diag([0.01, 0.01, 0.001]) ** 2)
-        np.testing.assert_array_equal(found_by_looks(sure, extra, RegistrationConfig()), T)
+        np.testing.assert_array_equal(rotation_search(sure, extra, RegistrationConfig()), T)
+
+
+def test_a_rotation_that_shows_nothing_alike_is_not_found(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.5, 1.5, 0.0, size=128)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(key_image(frame, CONFIG.longest_px), points)
+    extra = FrameToImages(images, images.images[:1], points, gray, 0.0, 1.0)
+    # Three standard deviations lead out of the picture.
+    prior = Prior(frame.T_world_camera, np.diag([0.01, 0.01, 0.6]) ** 2, PLANAR)
+    start = rotation_search(prior, extra, RegistrationConfig())
+    assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.35
+
+
+def test_a_picture_of_two_rows_has_no_coarse_grey_values(room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    camera = Intrinsics(128, 2, 64.0, 64.0, 64.0, 1.0)
+    flat = replace(frame, rgb=frame.rgb[63:65], depth_m=frame.depth_m[63:65], intrinsics=camera)
+    points = draw_points(flat, 100, 0.0, 8.0, np.random.default_rng(0))
+    assert not coarse_gray_at(key_image(flat, CONFIG.longest_px), points).any()
 
 
 def test_coarse_grey_values_are_those_of_a_frame_at_its_own_place(room: Room) -> None:

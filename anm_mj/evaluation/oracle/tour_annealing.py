@@ -177,7 +177,6 @@ class TourAnnealer:
         return 1 if self._rng.random() < 0.5 else -1
 
     def _turned(self, stop: Stop) -> Stop:
-        """A stop with another yaw."""
         place, yaw, side = stop
         draw = self._rng.random()
         if yaw == NO_YAW or draw < 0.15:

@@ -155,5 +155,4 @@ def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
 
 
 def _said(err: BaseException) -> str:
-    """Type and message of an error."""
     return f"{type(err).__name__}: {' '.join(str(err).split())}"

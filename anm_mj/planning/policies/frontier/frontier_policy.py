@@ -105,7 +105,6 @@ class Frontier(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path to a frontier; the policy ignores the neural map."""
-        del mapper
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
@@ -207,7 +206,9 @@ def border_hops(topdown: TopDownMap, pose: Pose2) -> Float[np.ndarray, "rows col
     """Cells between the robot and each unknown cell that borders on ground it can flood; +inf for all others."""
     start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
     hops = MCP(np.where(topdown.state == FREE, 1.0, -1.0)).find_costs([tuple(start)])[0]
-    return np.where(topdown.state == UNKNOWN, _smallest_neighbour(hops), np.inf)
+    padded = np.pad(hops, 1, constant_values=np.inf)
+    beside = np.minimum.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])
+    return np.where(topdown.state == UNKNOWN, beside, np.inf)
 
 
 def frontiers(topdown: TopDownMap, contact: Float[np.ndarray, "rows cols"]) -> list[_Frontier]:
@@ -229,9 +230,3 @@ def _is_looked_at(contact_xy_m: Float[np.ndarray, "2"], place_xy_m: Float[np.nda
     towards = contact_xy_m - place_xy_m
     error = wrap_angle(math.atan2(towards[1], towards[0]) - pose.yaw_rad)
     return math.dist(place_xy_m, pose.xy_m) < ARRIVED_M and abs(error) < TURN_STEP_RAD
-
-
-def _smallest_neighbour(values: Float[np.ndarray, "rows cols"]) -> Float[np.ndarray, "rows cols"]:
-    """The smallest of each cell's four neighbours."""
-    padded = np.pad(values, 1, constant_values=np.inf)
-    return np.minimum.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])

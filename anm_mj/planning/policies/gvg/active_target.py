@@ -80,7 +80,7 @@ class ActiveTarget:
         return math.dist(self.viewpoint.xy_m, pose.xy_m) < NEAR_TARGET_M and abs(error) < TURN_STEP_RAD
 
     def needs_decision(self, pose: Pose2, seen_m2: float) -> bool:
-        """Whether a full decision is due: the target is reached, the plan done or old, or much was seen, or is gone."""
+        """Whether a full decision is due: the target reached, the plan done or old, or the surface much changed."""
         enough_m2 = max(self._config.replan_gain_m2, self._config.replan_gain_share * self._view_gain_m2)
         return (
             self.is_reached(pose)

@@ -48,5 +48,4 @@ class GainCache:
 
 
 def _key(square: Int[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
-    """A number for each square."""
     return (square[:, 0] << 32) + square[:, 1]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Float64, Int
+from jaxtyping import Float64
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
@@ -63,7 +63,9 @@ def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
     segments = []
     for pair in np.unique(edges[:, :2], axis=0):
         points = edges[(edges[:, :2] == pair).all(axis=1), 2:]
-        near, num = _clusters(points)
+        # Points within two cells of one another belong together.
+        tree = KDTree(points)
+        num, near = connected_components(tree.sparse_distance_matrix(tree, 2.5))
         for k in range(num):
             middle, spread = points[near == k].mean(axis=0), points[near == k] - points[near == k].mean(axis=0)
             # A door runs along x or along y, whichever its border extends along more.
@@ -71,13 +73,6 @@ def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
             reach = np.abs(spread @ direction).max() + 0.5
             segments.append([middle - reach * direction, middle + reach * direction])
     return plan.origin_m + np.array(segments) * plan.cell_m
-
-
-def _clusters(points: Float64[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " n"], int]:
-    """Number of the cluster of every point; points within two cells of one another belong together."""
-    tree = KDTree(points)
-    num, labels = connected_components(tree.sparse_distance_matrix(tree, 2.5))
-    return labels.astype(np.int64), int(num)
 
 
 def _room_type(outline: shapely.Polygon, categories: dict[str, list[list[float]]]) -> str:

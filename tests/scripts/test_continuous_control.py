@@ -4,9 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.control.pure_pursuit import SPEED_MPS, TURN_RADPS, Pursuit
 from anm_mj.frames import move_pose
 from anm_mj.types import Pose2
+from scripts.continuous_control import SPEED_MPS, TURN_RADPS, Pursuit
 
 PATH = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.2], [0.4, 2.0]])
 PERIOD_S = 0.1
