@@ -25,8 +25,9 @@ SEES_PEOPLE_STEP = 30
         ["people.number=4"],
         ["people.number=1", "people.blocked_s=60"],
         ["people.number=2", "people.followers=1"],
+        ["people.number=1", "people.chair_pushed_s=20"],
     ],
-    ids=["crowd", "doorway", "follower"],
+    ids=["crowd", "doorway", "follower", "pushed"],
 )
 def test_a_run_among_people_goes_on_and_touches_nobody(tmp_path, people, request):
     """Each leaves a picture of when somebody was nearest, ``build/people/<name>.png``."""
@@ -56,7 +57,14 @@ def test_a_run_among_people_that_is_resumed_goes_on_alike(tmp_path):
     from anm_mj.events import On, Stepped
     from anm_mj.resume import resume
 
-    settings = [*QUICK, "people.number=3", "checkpoint.every_steps=10", "checkpoint.loop_share=1.0"]
+    settings = [
+        *QUICK,
+        "people.number=3",
+        "people.vacuums=1",
+        "people.chair_pushed_s=5",
+        "checkpoint.every_steps=10",
+        "checkpoint.loop_share=1.0",
+    ]
     config = make_config("default", settings, scene="home", steps=40, goal="coverage")
     whole, _ = run(config, out=tmp_path / "whole")
     cut, _ = run(config, out=tmp_path / "cut", observers=[On(Stepped, lambda event: event.step == 25)])
