@@ -201,10 +201,7 @@ class DepthOccupancy:
         return out
 
     def observation_count(
-        self,
-        depth_m: Float32[np.ndarray, "h w"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
+        self, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
     ) -> UInt16[np.ndarray, "h w"]:
         """``num_hits`` of the voxel that each pixel of a depth image shows; 0 where it shows none of the grid."""
         return self._kernels.counts(self.voxels, self._view(depth_m, intrinsics, T_world_camera))

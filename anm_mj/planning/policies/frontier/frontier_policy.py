@@ -105,6 +105,7 @@ class Frontier(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path to a frontier; the policy ignores the neural map."""
+        del mapper
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
