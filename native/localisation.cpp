@@ -13,7 +13,8 @@ constexpr int kPart = 512;  // points of a task; fixed, so that sums do not depe
 using DoublesIn = Array<const double, 2>;
 using DoublesFlat = Array<const double, 1>;
 
-// Depth is of 16 bits, grey values are of 8. Normal equations [2][6][6] and [2][6], costs, weights and counts [2][3] of a frame against an earlier one.
+// Normal equations [2][6][6] and [2][6], costs, weights and counts [2][3] of a frame against an earlier one, whose depth is
+// of 16 bits and whose grey values are of 8.
 nb::tuple frame_to_frame(In points, InFlat gray, InFlat variance, InFlat trust, Array<const std::uint16_t, 2> depth,
                          Array<const std::uint8_t, 2> image_gray,
                          DoublesFlat camera, DoublesIn T, DoublesFlat settings, int num_threads) {

@@ -11,8 +11,7 @@ from anm_mj.errors import ConfigError, SceneError
 from anm_mj.people.crowd import PERIOD_S, Crowd
 from anm_mj.people.figures import Figures
 from anm_mj.people.people_config import PeopleConfig
-from anm_mj.people.walking_floor import BODY, WalkingFloor
-from anm_mj.scene.folder import load_scene
+from anm_mj.people.walking_floor import BODY
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.moved_rays import MovedRays
 from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
@@ -20,16 +19,6 @@ from anm_mj.sim.render_mesh import are_moved, visible_geoms
 from anm_mj.types import Action
 
 ROBOT_M = 0.18
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("home")
-
-
-@pytest.fixture(scope="module")
-def floor(scene):
-    return WalkingFloor(scene)
 
 
 @pytest.fixture(scope="module")

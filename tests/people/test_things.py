@@ -10,22 +10,11 @@ from anm_mj.errors import ConfigError, SceneError
 from anm_mj.people.crowd import CHAIR, PERIOD_S, VACUUM, Crowd
 from anm_mj.people.figures import CHAIR_NAME
 from anm_mj.people.people_config import PeopleConfig
-from anm_mj.people.walking_floor import BODY, WalkingFloor
-from anm_mj.scene.folder import load_scene
+from anm_mj.people.walking_floor import BODY
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, Pose2
 
 ROBOT_M = 0.18
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("home")
-
-
-@pytest.fixture(scope="module")
-def floor(scene):
-    return WalkingFloor(scene)
 
 
 def moved(floor, robot_xy_m, duration_s: float, seed=0, **settings) -> tuple[Crowd, np.ndarray]:
