@@ -120,8 +120,8 @@ def map_recorded(
     from anm_mj.io.read_run import read_json
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
     from anm_mj.map_sequence import map_sequence
-    from anm_mj.sequence_check.before_mapping import BeforeMapping
     from anm_mj.sequence_check.correction import Correction
+    from anm_mj.sequence_check.warn_and_fix import BeforeMapping
     from anm_mj.types import Footprint
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.

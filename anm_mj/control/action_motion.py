@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action
 
 _MOTIONS = {
@@ -19,20 +19,6 @@ _MOTIONS = {
 def action_motion(action: Action) -> tuple[float, float]:
     """Forward distance [m] and turn [rad] of an action; at least one of the two is 0."""
     return _MOTIONS[action]
-
-
-@dataclass(frozen=True)
-class MotionLimits:
-    """Speeds and accelerations of the base. At the defaults the wheels of ``models/diff_drive`` do not slip."""
-
-    forward_mps: float = 0.5
-    """Highest forward speed [m/s]."""
-    forward_mps2: float = 1.5
-    """Forward acceleration and deceleration [m/s²]."""
-    turn_radps: float = 1.8
-    """Highest turn rate [rad/s]."""
-    turn_radps2: float = 6.0
-    """Angular acceleration and deceleration [rad/s²]."""
 
 
 class Trapezoid:

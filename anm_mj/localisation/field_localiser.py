@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
-from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages, coarse_gray_at, key_image
@@ -21,6 +20,7 @@ from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
+from anm_mj.localisation.occupancy_agreement import REACH_M, agreement
 from anm_mj.localisation.registration import (
     FREE,
     PLANAR,
@@ -32,7 +32,8 @@ from anm_mj.localisation.registration import (
     register_from_several,
     rotation_search,
 )
-from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
+from anm_mj.localisation.relocalisation_scores import Hypothesis
+from anm_mj.localisation.relocaliser import Relocaliser
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
 from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.localisation.agreement import agreement
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
 from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
-from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
+from anm_mj.localisation.registration import Aligner, Known, Prior, register
+from anm_mj.localisation.relocalisation_scores import Hypothesis, believable, frame_score
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
@@ -26,8 +26,6 @@ _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
 """Hypotheses that are nearer to each other are one."""
 _ASIDE_M = 0.05
 """A place that is farther from another is not the same minimum [m]."""
-_DOUBT_FRAMES = 2
-"""Frames of half a score that every hypothesis begins with."""
 _PAST_FRAMES = 12
 """So many frames have to fit a place that is believed, also those from before it was proposed."""
 _HEIGHT_M = 0.1
@@ -43,27 +41,6 @@ class _PastFrame:
     points: FramePoints
     T_then_now: Float[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
     """The present camera in the axes of that of then."""
-
-
-@dataclass
-class Hypothesis:
-    """A place where the camera may be."""
-
-    T_world_camera: Float[np.ndarray, "4 4"]
-    score: float = 0.0
-    """Sum over frames of how well each fits, each in [0, 1]."""
-    num_frames: int = 0
-    found: Registration | None = None
-
-    @property
-    def mean(self) -> float:
-        """Mean of the frames' scores."""
-        return self.score / max(1, self.num_frames)
-
-    @property
-    def sobered(self) -> float:
-        """The same with a few indifferent frames added, so that one good frame alone makes no good place."""
-        return (self.score + 0.5 * _DOUBT_FRAMES) / (self.num_frames + _DOUBT_FRAMES)
 
 
 class Relocaliser:
@@ -134,7 +111,7 @@ class Relocaliser:
                     self.hypotheses.append(fresh)
         self._prune()
         self._past = [*self._past, _PastFrame(points)][-_PAST_FRAMES:]
-        believed = self._believed()
+        believed = believable(self.hypotheses, config)
         # Without odometry nobody knows where a camera in the hand was before.
         while believed is not None and not is_free:
             missed = self._past[: -believed.num_frames]
@@ -143,9 +120,9 @@ class Relocaliser:
             for past in missed:
                 prior = Prior(believed.T_world_camera @ np.linalg.inv(past.T_then_now), covariance, basis)
                 found = register(past.points, prior, align, known, self._settings)
-                believed.score += self._score(past.points, found, occupancy)
+                believed.score += frame_score(past.points, found, occupancy, config)
             believed.num_frames += len(missed)
-            believed = self._believed()
+            believed = believable(self.hypotheses, config)
         if believed is not None and self._is_local(believed, points, covariance, basis, align, known, occupancy):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
@@ -185,7 +162,7 @@ class Relocaliser:
             hypothesis.T_world_camera = best.T_world_camera
             return False
         # The field alone may fit better where the walls do not: what decides between places decides here too.
-        if self._score(points, best, occupancy) <= self._score(points, here, occupancy):
+        if frame_score(points, best, occupancy, config) <= frame_score(points, here, occupancy, config):
             return False
         hypothesis.T_world_camera = best.T_world_camera
         return True
@@ -203,16 +180,8 @@ class Relocaliser:
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
         found = register(points, prior, align, known, self._settings)
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
-        hypothesis.score += self._score(points, found, occupancy)
+        hypothesis.score += frame_score(points, found, occupancy, self.config.relocalisation)
         hypothesis.num_frames += 1
-
-    def _score(self, points: FramePoints, found: Registration, occupancy: DepthOccupancy) -> float:
-        """How well a frame fits where it was registered, in [0, 1]."""
-        fits = agreement(points.camera_m, found.T_world_camera, occupancy)
-        # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
-        certain = min(1.0, fits.known / self.config.relocalisation.least_known)
-        # Rooms of one shape are told apart by their colours, which light changes.
-        return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
 
     def _prune(self) -> None:
         """Keep the best, one of each place."""
@@ -223,19 +192,6 @@ class Relocaliser:
             if not any(_are_same(hypothesis.T_world_camera, other.T_world_camera) for other in kept):
                 kept.append(hypothesis)
         self.hypotheses = kept[: self.config.relocalisation.candidates]
-
-    def _believed(self) -> Hypothesis | None:
-        config = self.config.relocalisation
-        if not self.hypotheses:
-            return None
-        best, *others = sorted(self.hypotheses, key=lambda each: -each.sobered)
-        if best.num_frames < config.frames or best.mean < config.least_score:
-            return None
-        leads = (
-            (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)
-            for other in others
-        )
-        return best if min(leads, default=math.inf) >= config.least_lead else None
 
 
 def _fields(points: FramePoints) -> tuple[np.ndarray, ...]:

@@ -18,7 +18,8 @@ from PIL import Image, ImageDraw
 from anm_mj.errors import AnmError
 from anm_mj.io.plan_file import PlanRecord
 from anm_mj.io.write import writing
-from anm_mj.replay.film_panels import MARGIN_M, PANEL_PX, MapPanel, SurfacePanel, colour_panel, depth_panel, font
+from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, font
+from anm_mj.replay.film_map_and_surface import MARGIN_M, MapPanel, SurfacePanel
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import EMPTY_PATH, Timeline

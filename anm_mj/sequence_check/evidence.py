@@ -8,8 +8,8 @@ import numpy as np
 
 from anm_mj.errors import AnmError
 from anm_mj.io.sequence import Sequence
+from anm_mj.sequence_check.choose_frames import compared_frames
 from anm_mj.sequence_check.judge import Evidence
-from anm_mj.sequence_check.pairs import compared_frames
 from anm_mj.sequence_check.views import reduced_camera, reduced_view
 
 _FEWEST_POINTS = 30

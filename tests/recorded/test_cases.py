@@ -13,7 +13,7 @@ from anm_mj.frames import pixel_directions, transform_points
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
-from anm_mj.sequence_check.before_mapping import BeforeMapping
+from anm_mj.sequence_check.warn_and_fix import BeforeMapping
 from tests.recorded import layouts
 from tests.recorded.cases import CASES, GIVEN, WALK, seen_by
 from tests.recorded.walk import CAMERA, to_walls_m

@@ -8,7 +8,8 @@ from PIL import Image, ImageDraw
 from anm_mj.cli.main import main
 from anm_mj.io.read_run import read_run
 from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, _cut, film_frames
-from anm_mj.replay.film_panels import PANEL_PX, MapPanel, SurfacePanel, colour_panel, font
+from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, font
+from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
 from anm_mj.replay.surface import growing_mesh
 from anm_mj.replay.timeline import read_timeline
 from anm_mj.viz import palette

@@ -10,11 +10,11 @@ from anm_mj.errors import ConfigError
 from anm_mj.frames import pixel_directions
 from anm_mj.io.sequence import Sequence
 from anm_mj.sequence_check.apply import corrected_sequence
-from anm_mj.sequence_check.before_mapping import BeforeMapping
 from anm_mj.sequence_check.check import check
 from anm_mj.sequence_check.correction import Correction, all_axes, axes_matrix, combined
 from anm_mj.sequence_check.evidence import gather
 from anm_mj.sequence_check.report import options
+from anm_mj.sequence_check.warn_and_fix import BeforeMapping
 from tests.sequence_check.conftest import CAMERA, frame, pose_at
 
 

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.action_motion import MotionLimits, action_motion, action_profile
+from anm_mj.control.action_motion import action_motion, action_profile
+from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.frames import move_pose
 from anm_mj.geometry.clearance import Clearance
 from anm_mj.localisation.odometry import Odometer

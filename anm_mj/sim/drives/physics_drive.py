@@ -10,15 +10,15 @@ from jaxtyping import Float
 
 from anm_mj.control.action_motion import action_motion, action_profile
 from anm_mj.control.clearance_limit import static_obstacles
-from anm_mj.control.robot_limits import limits_of
+from anm_mj.control.speed_and_acceleration import limits_of
 from anm_mj.control.wheel_servo import BaseServo
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer
 from anm_mj.robot.base_joints import element_id
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics
+from anm_mj.sim.drives.repeated_failures import RepeatedFailures
 from anm_mj.sim.drives.shell_contacts import ShellContacts
-from anm_mj.sim.drives.traction import TractionMonitor
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
@@ -95,7 +95,7 @@ class PhysicsDrive(WheelDrive):
         )
         self._signs = np.array(description.wheel_signs or (1.0,) * len(description.motors))
         self._touched = False
-        self._traction = TractionMonitor()
+        self._traction = RepeatedFailures()
         motors = [element_id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, prefix + name) for name in description.motors]
         self._motors = np.array(motors)
         self._contacts = ShellContacts(model, data, [prefix + name for name in description.shell])
@@ -117,7 +117,7 @@ class PhysicsDrive(WheelDrive):
         self._data.qvel[:] = 0.0
         self._data.ctrl[self._motors] = 0.0
         self._reference, self._twist = pose, _STANDING
-        self._traction = TractionMonitor()
+        self._traction = RepeatedFailures()
         self._odometer.reset(pose, self._base.wheel_angles_rad)
 
     def act(self, action: Action) -> ActionResult:

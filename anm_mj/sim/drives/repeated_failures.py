@@ -1,4 +1,4 @@
-"""Notices a robot that does not do what it is driven to with nothing in the way: it slides, or a wheel sticks."""
+"""Gives up a robot that fails several times in a row with nothing in the way: it slides, or a wheel sticks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TURNED_SHARE = 0.1
 _SIDES = "left", "right"
 
 
-class TractionMonitor:
+class RepeatedFailures:
     """Counts actions that did not bring the base to where they should, or a wheel, without anything in the way."""
 
     def __init__(self) -> None:

@@ -1,13 +1,30 @@
-"""Speeds and accelerations that a robot's wheels reach and that do not tip it over."""
+"""Limits of speed and acceleration: the defaults, and what a robot's wheels reach and does not tip it over."""
 
 from __future__ import annotations
 
-from anm_mj.control.action_motion import MotionLimits
-from anm_mj.robot.description import RobotDescription
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from anm_mj.robot.description import RobotDescription
 
 _GRAVITY_MPS2 = 9.81
 _LEAST_MPS2 = 0.3
 """A robot that would tip at this acceleration already tips anyway [m/s²]."""
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Speeds and accelerations of the base. At the defaults the wheels of ``models/diff_drive`` do not slip."""
+
+    forward_mps: float = 0.5
+    """Highest forward speed [m/s]."""
+    forward_mps2: float = 1.5
+    """Forward acceleration and deceleration [m/s²]."""
+    turn_radps: float = 1.8
+    """Highest turn rate [rad/s]."""
+    turn_radps2: float = 6.0
+    """Angular acceleration and deceleration [rad/s²]."""
 
 
 def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:

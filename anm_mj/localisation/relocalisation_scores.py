@@ -1,0 +1,65 @@
+"""How well a frame fits a place where a lost camera may be, and from which scores on such a place is believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.localisation.localisation_config import RelocalisationConfig
+from anm_mj.localisation.occupancy_agreement import agreement
+from anm_mj.localisation.registration import Registration
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+
+_DOUBT_FRAMES = 2
+"""Frames of half a score that every hypothesis begins with."""
+
+
+@dataclass
+class Hypothesis:
+    """A place where the camera may be."""
+
+    T_world_camera: Float[np.ndarray, "4 4"]
+    score: float = 0.0
+    """Sum over frames of how well each fits, each in [0, 1]."""
+    num_frames: int = 0
+    found: Registration | None = None
+
+    @property
+    def mean(self) -> float:
+        """Mean of the frames' scores."""
+        return self.score / max(1, self.num_frames)
+
+    @property
+    def sobered(self) -> float:
+        """The same with a few indifferent frames added, so that one good frame alone makes no good place."""
+        return (self.score + 0.5 * _DOUBT_FRAMES) / (self.num_frames + _DOUBT_FRAMES)
+
+
+def frame_score(
+    points: FramePoints, found: Registration, occupancy: DepthOccupancy, config: RelocalisationConfig
+) -> float:
+    """How well a frame fits where it was registered, in [0, 1]."""
+    fits = agreement(points.camera_m, found.T_world_camera, occupancy)
+    # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
+    certain = min(1.0, fits.known / config.least_known)
+    # Rooms of one shape are told apart by their colours, which light changes.
+    return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
+
+
+def believable(hypotheses: Sequence[Hypothesis], config: RelocalisationConfig) -> Hypothesis | None:
+    """The hypothesis that enough frames confirm while no other is nearly as good, if there is one."""
+    if not hypotheses:
+        return None
+    best, *others = sorted(hypotheses, key=lambda each: -each.sobered)
+    if best.num_frames < config.frames or best.mean < config.least_score:
+        return None
+    leads = (
+        (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)
+        for other in others
+    )
+    return best if min(leads, default=math.inf) >= config.least_lead else None
