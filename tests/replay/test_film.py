@@ -39,7 +39,7 @@ def test_a_gif_is_small_and_moves(run_folder, tmp_path):
     assert main(["export", str(run_folder), "--video", str(path), "--every", "10"]) == 0
     with Image.open(path) as film:
         assert film.size[0] == GIF_WIDTH_PX
-        assert film.n_frames >= 3
+        assert getattr(film, "n_frames", 1) >= 3
         assert path.stat().st_size < 400_000
 
 

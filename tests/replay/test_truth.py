@@ -30,7 +30,9 @@ def timeline(true_y_m=0.0, covariance=None, lost=()):
 
 def test_a_true_trajectory_is_shown_only_where_it_is_another():
     assert timeline().true_xy_m is None
-    np.testing.assert_allclose(timeline(0.3).true_xy_m[:, 1], 0.3)
+    true_xy_m = timeline(0.3).true_xy_m
+    assert true_xy_m is not None
+    np.testing.assert_allclose(true_xy_m[:, 1], 0.3)
 
 
 def test_the_ellipse_holds_two_standard_deviations():
@@ -38,7 +40,9 @@ def test_the_ellipse_holds_two_standard_deviations():
     turned = math.radians(30.0)
     rotation = np.array([[math.cos(turned), -math.sin(turned)], [math.sin(turned), math.cos(turned)]])
     (xx, xy), (_, yy) = rotation @ np.diag([0.04, 0.01]) @ rotation.T
-    long, short, direction = timeline(covariance=(xx, xy, yy)).ellipse_m(3)
+    ellipse = timeline(covariance=(xx, xy, yy)).ellipse_m(3)
+    assert ellipse is not None
+    long, short, direction = ellipse
     assert (long, short) == (pytest.approx(0.4), pytest.approx(0.2))
     assert math.remainder(direction - turned, math.pi) == pytest.approx(0.0, abs=1e-9)
 
