@@ -131,16 +131,20 @@ def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> 
 
 
 def doubt_stop(plan: Plan, mapper: Mapper, state: LoopState) -> Plan:
-    """A wait in place of an end of the run that something which moves about may have caused."""
+    """A wait in place of an end of the run that something which moves about may have caused, or what is left of it."""
     if plan.stop not in (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET):
         state.doubted_stops = 0
         return plan
-    held = isinstance(mapper, FindsMoved) and mapper.release_moved()
-    if state.doubted_stops >= state.patience_steps or not (held or state.things.things):
+    finds = isinstance(mapper, FindsMoved)
+    held = finds and mapper.release_moved()
+    if state.doubted_stops < state.patience_steps and (held or state.things.things):
+        state.doubted_stops += 1
+        reason = f"something moves about: waits instead of {plan.stop}"
+    elif finds and mapper.doubt_moved():
+        reason = f"something moved about: doubts what may be left of it, instead of {plan.stop}"
+    else:
         return plan
-    state.doubted_stops += 1
-    nowhere = np.zeros((0, 2))
-    return Plan(f"something moves about: waits instead of {plan.stop}", nowhere, actions=(Action.WAIT,))
+    return Plan(reason, np.zeros((0, 2)), actions=(Action.WAIT,))
 
 
 def wait_for_sight(state: LoopState, policy: Policy) -> Plan:

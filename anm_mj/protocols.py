@@ -165,6 +165,14 @@ class FindsMoved(Protocol):
         """Take nothing that moved for an obstacle any more; whether anything was."""
         ...
 
+    def doubt_moved(self) -> bool:
+        """Take for free space what may be left of something that moved, until a frame shows what is there.
+
+        Returns:
+            Whether there was any that had not been doubted before.
+        """
+        ...
+
 
 @runtime_checkable
 class Policy(Protocol):

@@ -185,8 +185,8 @@ def run_loop(
     # What the renderer took is needed for the final training, the mesh and its comparison with the truth.
     parts.robot.close()
     malloc_trim()
-    if config.goal != "coverage" and not interrupted:
-        mapper.finish()
+    if not interrupted:
+        mapper.finish() if config.goal != "coverage" else mapper.settle_moved()
     left = _what_is_left(parts, recorder, ended)
     back = None
     if isinstance(parts.policy, ReturnToStart):

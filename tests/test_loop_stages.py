@@ -79,7 +79,10 @@ def test_a_robot_turns_whoever_is_near():
 
 @pytest.mark.parametrize("stop", [StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET])
 def test_a_run_does_not_end_because_somebody_stands_there_nor_wait_for_ever(stop):
-    state, mapper = state_before(AHEAD), Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
+    state, mapper = (
+        state_before(AHEAD),
+        Mock(spec=FindingMapper, release_moved=Mock(return_value=False), doubt_moved=Mock(return_value=False)),
+    )
     decisions = [doubt_stop(Plan("done", stop=stop), mapper, state) for _ in range(5)]
 
     assert [plan.stop for plan in decisions] == [None, None, None, stop, stop]
@@ -87,8 +90,20 @@ def test_a_run_does_not_end_because_somebody_stands_there_nor_wait_for_ever(stop
 
 
 def test_a_run_ends_where_nothing_moves_or_an_error_ends_it():
-    mapper = Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
+    nothing = Mock(return_value=False)
+    mapper = Mock(spec=FindingMapper, release_moved=nothing, doubt_moved=nothing)
     complete, error = Plan("done", stop=StopReason.COMPLETE), Plan("oh", stop=StopReason.POLICY_ERROR)
 
     assert doubt_stop(complete, mapper, state_before()) is complete
     assert doubt_stop(error, mapper, state_before(AHEAD)) is error
+
+
+def test_a_run_does_not_end_before_what_may_be_left_of_a_thing_was_doubted():
+    doubts = Mock(side_effect=[True, False])
+    mapper = Mock(spec=FindingMapper, release_moved=Mock(return_value=False), doubt_moved=doubts)
+    state, complete = state_before(), Plan("done", stop=StopReason.COMPLETE)
+
+    doubted, ended = (doubt_stop(complete, mapper, state) for _ in range(2))
+
+    assert (doubted.stop, doubted.actions) == (None, (Action.WAIT,))
+    assert ended is complete

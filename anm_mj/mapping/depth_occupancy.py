@@ -170,6 +170,14 @@ class DepthOccupancy:
         """See :class:`anm_mj.protocols.FindsMoved`."""
         return self._moved.release(self.voxels, self._num_frames)
 
+    def doubt_moved(self) -> bool:
+        """See :class:`anm_mj.protocols.FindsMoved`."""
+        return self._moved.doubt(self.voxels, self._num_frames)
+
+    def settle_moved(self) -> None:
+        """Take what was doubted and not seen since for surface again, and nothing that moved for an obstacle."""
+        self._moved.settle(self.voxels, self._num_frames)
+
     def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
         """The pixels of a frame that show something that was not there before; None for none."""
         if not self.voxels.state.size:

@@ -13,13 +13,15 @@ through voxels counts as much as a hit: what was marked before it was known to m
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float, Int64, UInt8
+from scipy import ndimage
 
 from anm_mj.mapping.depth_noise import EXACT_PER_M
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
-from anm_mj.mapping.occupancy_kernels import BLOCK, NOWHERE, VoxelArrays
+from anm_mj.mapping.occupancy_kernels import BLOCK, KNOWN_HITS, NOWHERE, VoxelArrays
 from anm_mj.types import FREE, OCCUPIED, Observation
 
 NOISE_REACH = 4.0
@@ -28,6 +30,11 @@ _HELD_M = 0.1, 1.5
 """Heights between which what is held is an obstacle [m]."""
 _THING_M = 0.1, 2.2
 """Heights between which things are that move [m]."""
+_LEFT_M2 = 0.5
+"""Surface that hangs together with no more than this may be left of a thing that moved [m2]: about the front of a
+person. Furniture hangs together with more of itself, walls or the floor of a room with far more."""
+_LIFTED = 0
+"""Log-odds of surface that is doubted: those of a voxel that was never observed; any frame decides."""
 
 
 class MovedVoxels:
@@ -43,6 +50,10 @@ class MovedVoxels:
         """Voxels in which something moved lately, as single numbers, and when last."""
         self._held: list[tuple[int, int, Float[np.ndarray, "n 3"], Int64[np.ndarray, "m 3"]]] = []
         """What is held: until which frame, for how many, around which discs, and the voxels."""
+        self._ever: set[tuple[int, int]] = set()
+        """Columns of blocks in which anything ever moved, likewise."""
+        self._doubted = np.zeros((0, 3), np.int64), np.zeros(0, np.int8)
+        """Surface that was doubted, by x, y and z index, and the log-odds it had."""
         low, high = (round(height / occupancy.voxel_m) for height in _THING_M)
         self.heights = low, high
         """Lowest z index of what moves, and the one after the highest."""
@@ -52,6 +63,7 @@ class MovedVoxels:
         self._newest = _distinct(places)
         columns = _distinct(self._newest[:, :2] // BLOCK).tolist()
         self._last |= {(x, y): frame for x, y in columns}
+        self._ever |= self._last.keys()
         self._begin(voxels, frame)
         _, cells = voxels.cells_of(self._newest)
         raised = np.minimum(voxels.log_odds[cells].astype(np.int16) + self.config.stay, self._occupancy.limit)
@@ -120,6 +132,47 @@ class MovedVoxels:
         self._held = []
         return any(found)
 
+    def doubt(self, voxels: VoxelArrays, frame: int) -> bool:
+        """Take surface for free space for now that may be left of what moved; whether there was any, not doubted yet.
+
+        It lies about where something ever moved, and few frames have hit it, or it hangs together with little. The next
+        frame that shows its place decides; what none shows is surface again after :meth:`settle`.
+        """
+        columns = self._columns(voxels, self._ever)
+        if not columns.any():
+            return False
+        low, high = (min(max(z - int(voxels.corner[2]), 0), len(voxels.state)) for z in self.heights)
+        solid = voxels.state == OCCUPIED
+        # The floor holds everything together.
+        solid[:low] = False
+        label = np.empty(solid.shape, np.int32)
+        ndimage.label(solid, np.ones((3, 3, 3)), output=label)  # pyright: ignore[reportArgumentType]
+        is_small = np.bincount(label.ravel()) <= _LEFT_M2 / self._occupancy.voxel_m**2
+        near = np.repeat(np.repeat(columns, BLOCK, axis=0), BLOCK, axis=1).astype(bool)
+        part = slice(low, high)
+        is_weak = voxels.log_odds[part] <= KNOWN_HITS * self._occupancy.hit
+        layer, row, col = np.nonzero(solid[part] & near & (is_small[label[part]] | is_weak))
+        places = np.stack((col, row, layer + low), axis=1) + voxels.corner
+        known, log_odds = self._doubted
+        places = places[~np.isin(_keys(places), _keys(known))]
+        _, (layer, row, col) = voxels.cells_of(places)
+        self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[layer, row, col]))
+        voxels.log_odds[layer, row, col] = _LIFTED
+        voxels.state[layer, row, col] = FREE
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        return bool(len(places))
+
+    def settle(self, voxels: VoxelArrays, frame: int) -> None:
+        """Take for surface again what was doubted and not seen since, and what is held for free space."""
+        self.release(voxels, frame)
+        places, log_odds = self._doubted
+        inside, (layer, row, col) = voxels.cells_of(places)
+        unseen = (voxels.log_odds[layer, row, col] == _LIFTED) & (voxels.state[layer, row, col] == FREE)
+        layer, row, col = layer[unseen], row[unseen], col[unseen]
+        voxels.log_odds[layer, row, col] = log_odds[inside][unseen]
+        voxels.state[layer, row, col] = OCCUPIED
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+
     @staticmethod
     def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:
         """Change the states of places whose log-odds say free, and keep those; whether there were any."""
@@ -134,10 +187,13 @@ class MovedVoxels:
         """Columns of a grid's blocks in which something moved in the last frames; empty for none."""
         oldest = frame - self.config.memory_frames
         self._last = {place: last for place, last in self._last.items() if last >= oldest}
-        if not self._last:
-            return NOWHERE
+        return self._columns(voxels, self._last) if self._last else NOWHERE
+
+    @staticmethod
+    def _columns(voxels: VoxelArrays, places: Iterable[tuple[int, int]]) -> UInt8[np.ndarray, "block_rows block_cols"]:
+        """Columns of a grid's blocks, given by x and y in blocks of the world, and those about them."""
         found = np.zeros(voxels.column_version.shape, np.uint8)
-        for x, y in self._last:
+        for x, y in places:
             row, col = y - int(voxels.corner[1]) // BLOCK, x - int(voxels.corner[0]) // BLOCK
             # A step leads into the next block.
             found[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = 1

@@ -98,6 +98,14 @@ class NeuralMap:
         """Take nothing that moved for an obstacle any more; whether anything was."""
         return self.occupancy.by_depth.release_moved()
 
+    def doubt_moved(self) -> bool:
+        """Take for free space for now what may be left of something that moved; see the protocol."""
+        return self.occupancy.by_depth.doubt_moved()
+
+    def settle_moved(self) -> None:
+        """No frame is to come: take what was doubted and not seen since for surface again, and hold nothing."""
+        self.occupancy.by_depth.settle_moved()
+
     def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 
@@ -143,7 +151,7 @@ class NeuralMap:
 
     def finish(self) -> int:
         """Train on the keyframes once more, when no frame is to come; the number of iterations."""
-        self.release_moved()
+        self.settle_moved()
         done = self.field.finish(self.occupancy.by_depth.grid)
         if done:
             self._start_readers()

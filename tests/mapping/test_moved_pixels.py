@@ -35,7 +35,7 @@ def fuse(grid: DepthOccupancy, seen: Observation, times: int = 1) -> Observation
         moved = grid.find_moved(told)
         told = told if moved is None else without_moved(told, moved)
         grid.integrate(told.depth_m, told.intrinsics, told.T_world_camera, moved_m=told.moved_m)
-    return told
+    return told  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
 def new_grid(**settings) -> DepthOccupancy:
@@ -68,6 +68,7 @@ def test_what_comes_into_free_space_has_moved():
     shown[30:80, 40:60] = True
     assert np.array_equal(told.pixel_state == PixelState.MOVED, shown)
     assert np.isnan(told.depth_m[shown]).all()
+    assert told.moved_m is not None
     assert (told.moved_m[shown] == np.float32(THING_M)).all()
     assert (thing_states(grid, range(40, 60)) == FREE).all()
 
@@ -122,14 +123,14 @@ def test_what_is_held_is_an_obstacle_until_it_is_released_or_looked_through():
     grid = new_grid()
     fuse(grid, view(), 5)
     fuse(grid, view(slice(40, 60)))
-    version = grid.grid.column_version.copy()
+    version = grid.voxels.column_version.copy()
 
     grid.hold_moved(np.zeros((0, 3)))
     assert (thing_states(grid, range(40, 60)) == OCCUPIED).all()
     assert grid.release_moved()
     assert (thing_states(grid, range(40, 60)) == FREE).all()
     assert not grid.release_moved()
-    assert (grid.grid.column_version > version).any() or (version == 6).any()
+    assert (grid.voxels.column_version > version).any() or (version == 6).any()
 
     grid.hold_moved(np.zeros((0, 3)))
     fuse(grid, view())
@@ -226,3 +227,41 @@ def test_what_the_camera_cannot_look_through_of_a_thing_goes_with_the_rest():
     states = thing_column(grid, 28)
     assert (states == FREE).mean() > 0.9
     assert not (states == OCCUPIED).any()
+
+
+def behind_curtain(seen: Observation) -> Observation:
+    """A view whose columns 38 to 49 end at something near."""
+    seen.depth_m[:, 38:50] = 0.6
+    return seen
+
+
+@pytest.mark.parametrize(("after", "state"), [(None, OCCUPIED), (view(), FREE), (view(slice(42, 45)), OCCUPIED)])
+def test_what_may_be_left_of_a_thing_is_doubted_once_until_its_place_is_seen(after, state):
+    """One frame shows a thing, which nobody looks at again; another one walks beside its place."""
+    grid = new_grid()
+    fuse(grid, view(slice(42, 45)))
+    fuse(grid, behind_curtain(view()), 6)
+    assert not grid.doubt_moved()
+    fuse(grid, behind_curtain(view(slice(60, 76))))
+    assert (thing_states(grid, range(42, 45)) == OCCUPIED).all()
+
+    assert grid.doubt_moved()
+    assert (thing_states(grid, range(42, 45)) == FREE).all()
+    if after is not None:
+        fuse(grid, after)
+    assert not grid.doubt_moved()
+    grid.settle_moved()
+    assert (thing_states(grid, range(42, 45)) == state).all()
+
+
+def test_a_wall_that_many_frames_show_is_not_doubted():
+    """It is so near that its pixels leave no voxel out."""
+    grid = new_grid()
+    wall = replace(view(), depth_m=np.full((96, 96), 2.02, np.float32))
+    fuse(grid, wall, 5)
+    surface = grid.voxels.state == OCCUPIED
+    wall.depth_m[30:80, 40:60] = THING_M
+    assert (fuse(grid, wall).pixel_state == PixelState.MOVED).any()
+
+    grid.doubt_moved()
+    assert (grid.voxels.state[surface] == OCCUPIED).all()
