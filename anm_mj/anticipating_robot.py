@@ -15,11 +15,8 @@ class AnticipatingRobot:
     """Wraps a robot for the loop, and hears the loop's events; what the robot does and sees stays the same."""
 
     def __init__(self, robot: Robot, state: LoopState) -> None:
-        """Wrap a robot; one that cannot anticipate behaves as without the wrapper.
-
-        Args:
-            robot: acts and observes.
-            state: where the loop stands; its follower tells the next actions.
+        """Wrap a robot; one that cannot anticipate behaves as without the wrapper. ``state`` is where the loop stands;
+        its follower tells the next actions.
         """
         self._robot, self._state = robot, state
         self._ahead = robot if isinstance(robot, Anticipates) else None

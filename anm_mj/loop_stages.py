@@ -64,10 +64,8 @@ def find_moved(
 def integrate(
     observation: Observation, estimate: PoseEstimate | None, localiser: Localiser | None, mapper: Mapper
 ) -> MapUpdate:
-    """Take a frame into the map; no pixel enters it from a pose that is not good enough.
-
-    Raises:
-        MapError: the map cannot be trained any further.
+    """Take a frame into the map; no pixel enters it from a pose that is not good enough. Raises MapError if the map
+    cannot be trained any further.
     """
     if estimate is None or localiser is None:
         return mapper.integrate(observation)

@@ -57,15 +57,7 @@ class _Facts(LoggedFacts):
 def facts_of(
     sequence: Sequence, config: RunConfig, engine: str, files: Iterable[LineWriter], wall_s: float
 ) -> dict[str, Any]:
-    """What a checkpoint says beside the state.
-
-    Args:
-        sequence: What is mapped.
-        config: How.
-        engine: What trains the map.
-        files: The logs.
-        wall_s: Time spent so far [s].
-    """
+    """What a checkpoint says beside the state."""
     sizes = {file.path.name: file.size for file in files}
     return {
         "files": sizes,
@@ -77,11 +69,8 @@ def facts_of(
 
 
 def stored_mapping(path: Path, sequence: Sequence, config: RunConfig) -> tuple[RunFolder, StoredState]:
-    """The newest checkpoint of a mapping that did not end.
-
-    Raises:
-        RunFolderError: the folder is no run.
-        CheckpointError: there is none, or it is one of another sequence or of other settings.
+    """The newest checkpoint of a mapping that did not end. Raises RunFolderError if the folder is no run, and
+    CheckpointError if there is none, or it is one of another sequence or of other settings.
     """
     folder = RunFolder.open(path)
     refuse_links(folder.path.resolve())

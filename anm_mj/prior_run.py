@@ -42,11 +42,8 @@ class PriorRun:
 
     @classmethod
     def read(cls, path: Path) -> PriorRun:
-        """Read a finished run.
-
-        Raises:
-            RunFolderError: The folder is no run, or lacks what another run needs; the sentence says what.
-            MapError: Its map or its keyframes cannot be read.
+        """Read a finished run. Raises RunFolderError if the folder is no run, or lacks what another run needs; the
+        sentence says what, and MapError if its map or its keyframes cannot be read.
         """
         # A link such as runs/latest leads somewhere else once the new run has a folder.
         run = read_run(_real(path))
@@ -59,10 +56,8 @@ class PriorRun:
         return cls(run, explored, read_map(run.folder.map), Keyframes.of(explored.replay))
 
     def config(self, config: RunConfig) -> RunConfig:
-        """The configuration of the run that goes on, with the shape of the map as the prior run has it.
-
-        Raises:
-            MapError: The map is of another kind than the run's.
+        """The configuration of the run that goes on, with the shape of the map as the prior run has it. Raises MapError
+        if the map is of another kind than the run's.
         """
         before, now = self.saved.config, config.mapping
         if (before.engine == OWN_KIND) != (now.engine == OWN_KIND):
@@ -92,11 +87,7 @@ class PriorRun:
             )
 
     def begin(self, mapper: NeuralMap) -> None:
-        """Let a new map begin with the prior run.
-
-        Raises:
-            MapError: The files do not fit each other.
-        """
+        """Let a new map begin with the prior run. Raises MapError if the files do not fit each other."""
         try:
             mapper.continue_from(self.saved, self.keyframes)
         except (KeyError, ValueError, TypeError, IndexError) as err:
@@ -122,10 +113,8 @@ class PriorRun:
         return prior if prior.policy == policy else replace(prior, memory={})
 
     def covered(self, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
-        """How near each sample of the true surface had been seen [m].
-
-        Raises:
-            RunFolderError: A depth image of the run is missing or damaged.
+        """How near each sample of the true surface had been seen [m]. Raises RunFolderError if a depth image of the run
+        is missing or damaged.
         """
         return covered_before(self.run, truth)
 

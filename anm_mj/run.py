@@ -92,10 +92,8 @@ def run_with(
 
 @contextmanager
 def saying_how_to_go_on(folder: RunFolder) -> Iterator[None]:
-    """Add to the error of a folder that cannot be written any more how the run goes on from its checkpoint.
-
-    Raises:
-        RunFolderError: the block raised one.
+    """Add to the error of a folder that cannot be written any more how the run goes on from its checkpoint. Raises
+    RunFolderError if the block raised one.
     """
     try:
         yield
@@ -129,15 +127,8 @@ def run_loop(
     observers: Sequence[Observer],
     begin: float,
 ) -> Metrics:
-    """The loop and what follows it, from the start or from where a checkpoint was taken.
-
-    Args:
-        parts: what the run is put together from.
-        folder: the run folder.
-        recorder: writes it.
-        state: where the loop stands.
-        observers: see :func:`run`.
-        begin: ``time.perf_counter`` at the start of the program, less the time of an earlier one [s].
+    """The loop and what follows it, from the start or from where a checkpoint was taken. ``begin`` is
+    ``time.perf_counter`` at the start of the program, less the time of an earlier one [s].
 
     Raises:
         AnmError: of a stage, or the folder cannot be written.

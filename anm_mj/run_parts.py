@@ -86,12 +86,8 @@ class Parts:
 
 @contextmanager
 def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: PriorRun | None = None) -> Iterator[Parts]:
-    """Put a run together; the robot is closed at the end.
-
-    Args:
-        config: what to do.
-        observers: hear of the search for the observable surface.
-        prior: the run that this one goes on from; None = it begins with nothing, or with a checkpoint.
+    """Put a run together; the robot is closed at the end. ``observers`` hear of the search for the observable surface;
+    ``prior`` None = it begins with nothing, or with a checkpoint.
 
     Raises:
         AnmError: see :func:`run`.
@@ -135,11 +131,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
 
 
 def make_mapper(config: RunConfig) -> NeuralMap:
-    """The empty map of a run, or of a recorded sequence.
-
-    Raises:
-        MapError: the device or the engine is absent.
-    """
+    """The empty map of a run, or of a recorded sequence. Raises MapError if the device or the engine is absent."""
     # Threads of torch that spin while they wait for work take the cores away from rendering and from other programs; on
     # a busy machine that costs a factor of five. The OpenMP runtime reads this when torch is imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -149,10 +141,8 @@ def make_mapper(config: RunConfig) -> NeuralMap:
 
 
 def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | None:
-    """What finds the poses of a robot on wheels in its map; None where poses are taken as they come.
-
-    Raises:
-        MapError: the engine of the map cannot localise.
+    """What finds the poses of a robot on wheels in its map; None where poses are taken as they come. Raises MapError if
+    the engine of the map cannot localise.
     """
     if config.pose != "slam":
         return None
@@ -164,12 +154,8 @@ def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | Non
 
 
 def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> FieldLocaliser:
-    """What finds the poses of a camera that moves freely.
-
-    Args:
-        config: Its ``localisation`` counts.
-        mapper: The map.
-        has_poses: Whether the poses of observations tell its motion roughly.
+    """What finds the poses of a camera that moves freely. ``has_poses``: the poses of observations tell its motion
+    roughly.
     """
     from anm_mj.io.sequence_poses import base_pose
     from anm_mj.localisation.field_localiser import FieldLocaliser

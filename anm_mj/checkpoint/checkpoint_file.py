@@ -51,10 +51,8 @@ class _Header(Struct):
 
 
 def write_draft(draft: Path, step: int, facts: dict[str, Any], graph: Graph) -> None:
-    """Write the content of a checkpoint, without its hash; the state may change as soon as this returns.
-
-    Raises:
-        OSError: The file cannot be written; nothing is left of it.
+    """Write the content of a checkpoint, without its hash; the state may change as soon as this returns. Raises OSError
+    if the file cannot be written; nothing is left of it.
     """
     sizes = [array.nbytes for array in graph.arrays]
     header = {"step": step, "facts": facts, "sizes": sizes, "nodes": graph.nodes}
@@ -88,11 +86,7 @@ def complete_draft(draft: Path, path: Path) -> int:
 
 
 def sync(path: Path) -> None:
-    """Force a file, or the names in a folder, to the disk.
-
-    Raises:
-        OSError: The system cannot.
-    """
+    """Force a file, or the names in a folder, to the disk. Raises OSError if the system cannot."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -101,10 +95,8 @@ def sync(path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> StoredState:
-    """Read a checkpoint and check that it is whole.
-
-    Raises:
-        CheckpointError: It is no checkpoint of this version, or damaged.
+    """Read a checkpoint and check that it is whole. Raises CheckpointError if it is no checkpoint of this version, or
+    damaged.
     """
     try:
         with open_regular(path) as file:

@@ -27,13 +27,8 @@ _MAX_DEPTH = 50
 
 
 def restore(nodes: list[Any], arrays: list[np.ndarray], roots: dict[str, Any], known: KnownClasses) -> dict[str, Any]:
-    """Fill objects with a stored state.
-
-    Args:
-        nodes: As :class:`anm_mj.checkpoint.encode.Graph` has them.
-        arrays: Likewise.
-        roots: Newly made objects by their names; None for what the state itself has to bring.
-        known: Which classes may take part.
+    """Fill objects with a stored state. ``nodes`` and ``arrays`` are as :class:`anm_mj.checkpoint.encode.Graph` has
+    them, ``roots`` newly made objects by their names, None for what the state itself has to bring.
 
     Returns:
         The objects by their names, those that the state brought among them.

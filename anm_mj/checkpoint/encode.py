@@ -47,14 +47,9 @@ class Graph:
 
 
 def encode(roots: dict[str, Any], known: KnownClasses | None = None) -> Graph:
-    """The state of some objects and of everything that they refer to.
-
-    Args:
-        roots: The objects, by the names that :func:`anm_mj.checkpoint.decode.restore` is given the new ones under.
-        known: Which classes may take part; None = those of this package.
-
-    Raises:
-        CheckpointError: An object cannot be stored; the message says where it lies and of which class it is.
+    """The state of some objects and of everything that they refer to. ``roots`` have the names that
+    :func:`anm_mj.checkpoint.decode.restore` is given the new ones under; ``known`` None = the classes of this package.
+    Raises CheckpointError if an object cannot be stored; the message says where it lies and of which class it is.
     """
     return _Encoder(known or KnownClasses()).encode(roots)
 

@@ -33,10 +33,8 @@ Kind = TypeVar("Kind", bound=LoggedFacts)
 
 
 def logged_facts(stored: StoredState, kind: type[Kind], folder: Path, unit: str) -> Kind:
-    """The facts of a checkpoint whose logs reach as far as it does; ``unit`` is what its number counts.
-
-    Raises:
-        CheckpointError: They are others, or a log is shorter.
+    """The facts of a checkpoint whose logs reach as far as it does; ``unit`` is what its number counts. Raises
+    CheckpointError if they are others, or a log is shorter.
     """
     try:
         facts = convert(stored.facts, kind)

@@ -34,11 +34,7 @@ class KnownClasses:
     """Classes and functions by name, of parts of this package and of modules that the user has named."""
 
     def __init__(self, *modules: str) -> None:
-        """Allow this package.
-
-        Args:
-            modules: Further modules, such as that of a policy of the user's own.
-        """
+        """Allow this package. ``modules`` are further ones, such as that of a policy of the user's own."""
         self._modules = tuple(module for module in modules if module.partition(".")[0] != _PACKAGE)
 
     def allows(self, module: str) -> bool:
@@ -48,10 +44,8 @@ class KnownClasses:
         return module in self._modules or (package == _PACKAGE and ours)
 
     def find(self, name: str) -> Any:
-        """The class or function of the name that :func:`name_of` gave.
-
-        Raises:
-            CheckpointError: There is none of that name, or it is not allowed.
+        """The class or function of the name that :func:`name_of` gave. Raises CheckpointError if there is none of that
+        name, or it is not allowed.
         """
         module, _, path = name.partition(":")
         if not self.allows(module):

@@ -39,10 +39,8 @@ class CheckpointStore:
         self.folder = folder
 
     def draft(self, step: int, facts: dict[str, Any], graph: Graph) -> Path:
-        """Write the content of a checkpoint, which may change afterwards; :meth:`complete` makes it one.
-
-        Raises:
-            OSError: It cannot be written.
+        """Write the content of a checkpoint, which may change afterwards; :meth:`complete` makes it one. Raises OSError
+        if it cannot be written.
         """
         self.folder.mkdir(exist_ok=True)
         needed = graph.num_bytes + SPARE_BYTES
@@ -53,10 +51,8 @@ class CheckpointStore:
         return draft
 
     def complete(self, step: int, draft: Path) -> int:
-        """Make a draft a checkpoint and remove all but the newest two; returns its size [bytes].
-
-        Raises:
-            OSError: It cannot be written.
+        """Make a draft a checkpoint and remove all but the newest two; returns its size [bytes]. Raises OSError if it
+        cannot be written.
         """
         size = complete_draft(draft, self._path(step))
         for path in self._newest_first()[NUM_KEPT:]:
@@ -69,13 +65,9 @@ class CheckpointStore:
         return not self._newest_first()
 
     def newest(self, accept: Callable[[StoredState], object] = lambda state: None) -> StoredState:
-        """The newest checkpoint that is whole; it is logged where that is not the last one written.
-
-        Args:
-            accept: Raises CheckpointError where a whole checkpoint does not fit the rest of the run's folder.
-
-        Raises:
-            CheckpointError: There is none.
+        """The newest checkpoint that is whole; it is logged where that is not the last one written. ``accept`` raises
+        CheckpointError where a whole one does not fit the rest of the run's folder. Raises CheckpointError if there is
+        none.
         """
         paths = self._newest_first()
         for number, path in enumerate(paths):
@@ -153,11 +145,7 @@ class Checkpointer:
         """Size of the last checkpoint [bytes]."""
 
     def after_step(self, step: int, loop_s: float) -> None:
-        """Take a checkpoint where one is due.
-
-        Args:
-            step: Number of actions so far.
-            loop_s: Time spent in the loop so far [s].
+        """Take a checkpoint where one is due. So far there were ``step`` actions, and the loop took ``loop_s`` [s].
 
         Raises:
             RunFolderError: Not even a first one could be written: the run would lose all at its end.

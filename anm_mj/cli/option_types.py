@@ -31,10 +31,6 @@ Settings = Annotated[Sequence[str], Option("--set NAME=VALUE")]
 
 
 def require_ending(out: Path | None, endings: Sequence[str]) -> None:
-    """Accept the place of a picture by its ending.
-
-    Raises:
-        ConfigError: it ends in no kind that can be written.
-    """
+    """Accept the place of a picture by its ending. Raises ConfigError if it ends in no kind that can be written."""
     if out is not None and out.suffix not in endings:
         raise ConfigError(f"--out is '{out}'; give a file that ends in {' or '.join(endings)}.")

@@ -85,9 +85,7 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
 
     def __init__(self, model: mujoco.MjModel, num_obstacles: int, *, min_distance_m: float):
         """Pair the body with every obstacle of mink's model (:func:`add_obstacles`), to stop at ``min_distance_m`` [m].
-
-        Raises:
-            RobotError: if mink has dropped a pair.
+        Raises RobotError if mink has dropped a pair.
         """
         names = [f"{_OBSTACLE}{number}" for number in range(num_obstacles)]
         super().__init__(

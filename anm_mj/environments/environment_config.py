@@ -54,11 +54,7 @@ class EnvironmentConfig:
     ``information`` that the occupancy grid gains [bits]."""
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            TaskError: an unknown drive or sensor, or a number out of range.
-        """
+        """Check the values. Raises TaskError for an unknown drive or sensor, or a number out of range."""
         if self.num_steps is not None and not 1 <= self.num_steps <= self.max_steps:
             raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {self.max_steps} steps.")
         if self.actions not in ACTION_SETS:
@@ -85,10 +81,8 @@ class EnvironmentConfig:
 
 
 def explore_config(**options: Any) -> EnvironmentConfig:
-    """A configuration from keyword options.
-
-    Raises:
-        TaskError: an unknown option, an invalid start, or a value out of range.
+    """A configuration from keyword options. Raises TaskError for an unknown option, an invalid start, or a value out of
+    range.
     """
     known = [field.name for field in dataclasses.fields(EnvironmentConfig)]
     unknown = sorted(set(options) - set(known))
@@ -100,11 +94,7 @@ def explore_config(**options: Any) -> EnvironmentConfig:
 
 
 def require_start(start: Any) -> None:
-    """Check that a start is three finite numbers.
-
-    Raises:
-        TaskError: if it is not.
-    """
+    """Check that a start is three finite numbers. Raises TaskError if it is not."""
     try:
         good = len(start) == 3 and all(math.isfinite(value) for value in start)
     except TypeError:

@@ -47,10 +47,8 @@ class ExploreTask(control.Task):
     """
 
     def __init__(self, scenes: Sequence[Scene], config: EnvironmentConfig, footprint: Footprint, seed: int) -> None:
-        """Set up the task; of several scenes, every episode draws one.
-
-        Raises:
-            SceneError: if the robot does not fit at the start of the configuration.
+        """Set up the task; of several scenes, every episode draws one. Raises SceneError if the robot does not fit at
+        the start of the configuration.
         """
         self.seed(seed)
         self._scenes = scenes
@@ -99,11 +97,7 @@ class ExploreTask(control.Task):
         return self._view
 
     def require_clear_start(self, start: tuple[float, float, float]) -> Pose2:
-        """The start x [m], y [m], yaw [deg] as a pose.
-
-        Raises:
-            SceneError: if the robot does not fit at the pose.
-        """
+        """The start x [m], y [m], yaw [deg] as a pose. Raises SceneError if the robot does not fit at the pose."""
         pose = Pose2(float(start[0]), float(start[1]), wrap_angle(math.radians(start[2])))
         for scene in self._scenes:
             require_clear(scene, pose, self._footprint)
@@ -138,11 +132,7 @@ class ExploreTask(control.Task):
         self._add_view(physics)
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
-        """Set the action of the next step.
-
-        Raises:
-            TaskError: an invalid action.
-        """
+        """Set the action of the next step. Raises TaskError for an invalid action."""
         chosen = read_action(action, self._config.actions, self._config.stop)
         physics.set_control(chosen)
         self._stopped = chosen is Action.STOP

@@ -51,11 +51,7 @@ class KeepDistance(gymnasium.Wrapper):
     """Takes from the reward where people are near: nothing at ``within_m``, ``weight`` at contact, linear between."""
 
     def __init__(self, env: gymnasium.Env, within_m: float, weight: float) -> None:
-        """Wrap an environment with ``people_m`` in its ``info``.
-
-        Raises:
-            TaskError: the distance is not positive.
-        """
+        """Wrap an environment with ``people_m`` in its ``info``. Raises TaskError if the distance is not positive."""
         if not within_m > 0.0:
             raise TaskError(f"within_m is {within_m:g}; give a distance above 0 m.")
         super().__init__(env)
@@ -77,10 +73,8 @@ class Directions(gymnasium.ObservationWrapper):
     """
 
     def __init__(self, env: gymnasium.Env, num_directions: int = 24) -> None:
-        """Wrap an environment that was made with ``topdown=True``.
-
-        Raises:
-            TaskError: there is no top-down map among its observations.
+        """Wrap an environment that was made with ``topdown=True``. Raises TaskError if there is no top-down map among
+        its observations.
         """
         names = list(env.observation_space) if isinstance(env.observation_space, spaces.Dict) else []
         if "topdown" not in names:

@@ -75,12 +75,8 @@ class Coverage:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
     ) -> None:
-        """Add a frame of :func:`~anm_mj.ground_truth.reduced_depth.reduce_depth`.
-
-        Args:
-            depth_mm: Reduced depth [mm].
-            intrinsics: Of the original, unreduced image.
-            T_world_camera: Camera to world, CV axes.
+        """Add a frame of :func:`~anm_mj.ground_truth.reduced_depth.reduce_depth`. ``intrinsics`` are those of the
+        original, unreduced image; camera axes are CV.
         """
         self.add_points(back_project_reduced(depth_mm, intrinsics, T_world_camera))
 

@@ -25,10 +25,6 @@ def covered_before(run: Run, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
     What a run before this one covered is known by its samples alone. Where the scene has changed between the two, the
     distance to the nearest covered sample stands for that to its depth point, and is too large by no more than that.
 
-    Args:
-        run: The earlier run.
-        truth: The true surface of now.
-
     Raises:
         RunFolderError: A depth image is missing or damaged.
     """
@@ -57,24 +53,14 @@ def true_clouds(run: Run) -> Iterator[Float[np.ndarray, "n 3"]]:
 
 
 def write_covered_before(path: Path, distance_m: Float32[np.ndarray, " n"]) -> None:
-    """Write ``covered_before.npz``.
-
-    Raises:
-        RunFolderError: It cannot be written.
-    """
+    """Write ``covered_before.npz``. Raises RunFolderError if it cannot be written."""
     with writing(path), atomic_write(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, distance_m=distance_m)
 
 
 def read_covered_before(path: Path, num_samples: int) -> Float32[np.ndarray, " n"]:
-    """Read ``covered_before.npz``.
-
-    Args:
-        path: The file.
-        num_samples: How many samples the true surface of the run has.
-
-    Raises:
-        RunFolderError: It is damaged, or of another true surface.
+    """Read ``covered_before.npz``. There should be a distance for each of ``num_samples``. Raises RunFolderError if it
+    is damaged, or of another true surface.
     """
     try:
         distance_m = read_npz(path)["distance_m"]

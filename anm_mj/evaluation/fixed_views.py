@@ -45,11 +45,8 @@ fy, cx, cy [px]."""
 def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> list[Observation]:
     """The fixed views of a scene by the camera of the default robot without errors, kept in the user's cache.
 
-    Planar depth is rounded to millimetres, and NaN where there is no surface within 65 m.
-
-    Args:
-        scene: The world.
-        num_views: Number of views; a smaller number gives the first ones of a larger.
+    Planar depth is rounded to millimetres, and NaN where there is no surface within 65 m. A smaller number gives the
+    first ones of a larger.
 
     Raises:
         SceneError: There is next to no floor.
@@ -79,13 +76,8 @@ def evaluate_fixed_views(
 ) -> ViewsResult:
     """Compare what a run's map renders at the fixed views of its scene with the truth.
 
-    Writes ``fixed_views.json`` (pose and quality of each view, and the means) into the run folder.
-
-    Args:
-        path: Folder of a finished run.
-        scene: Present name or folder of the run's scene, if it has moved.
-        num_views: Number of views.
-        on_progress: Called with the views done and in all.
+    Writes ``fixed_views.json`` (pose and quality of each view, and the means) into the run folder. ``scene`` is the
+    present name or folder of the run's scene, if it has moved.
 
     Raises:
         RunFolderError: The folder is no run, a file in it is damaged, or it explored another scene.

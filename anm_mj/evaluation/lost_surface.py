@@ -14,11 +14,8 @@ _REACH = 2
 
 
 def lost_percent(grid: OccupancyGrid, samples_m: Float[np.ndarray, "n 3"]) -> float | None:
-    """Share of points on the observed surface that the map takes for free, with nothing occupied near them [%].
-
-    Args:
-        grid: the map.
-        samples_m: the points; None comes of none.
+    """Share of points on the observed surface that the map takes for free, with nothing occupied near them [%]. None of
+    no points.
     """
     last = np.array(grid.state.shape[::-1]) - 1
     cells = np.floor((samples_m - grid.origin_m) / grid.resolution_m).astype(np.int64)

@@ -251,12 +251,7 @@ def pictured(curve: CompletionCurve, statistics: EpisodeStatistics) -> dict[str,
 
 
 def view_metrics(result: ViewsResult, prefix: str) -> dict[str, Any]:
-    """The fields of :class:`Metrics` about views.
-
-    Args:
-        result: Quality of the map on them.
-        prefix: ``NOVEL`` or ``FIXED``.
-    """
+    """The fields of :class:`Metrics` about views. ``prefix`` is ``NOVEL`` or ``FIXED``."""
     means = {} if result.mean is None else vars(result.mean)
     values = {spec.name: means.get(spec.name, math.nan) for spec in fields(ViewQuality)}
     named = {f"{prefix}_{name}": value if math.isfinite(value) else None for name, value in values.items()}

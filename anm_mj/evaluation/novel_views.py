@@ -53,14 +53,8 @@ def evaluate_novel_views(
     """Evaluate a run's map on novel views.
 
     Writes ``novel_views.json`` (quality of each view and the means) and ``novel_views.png`` (the first views) into the
-    run folder.
-
-    Args:
-        path: Folder of a finished run.
-        views: Number of views; fewer if the scene has not as many.
-        seed: Seed of places and directions.
-        scene: Present name or folder of the run's scene, if it has moved.
-        on_progress: Called with the views done and in all.
+    run folder. There are fewer where the scene has not as many. ``seed`` is that of places and directions, ``scene``
+    the present name or folder of the run's scene, if it has moved.
 
     Raises:
         RunFolderError: The folder is no run, a file in it is damaged, or it explored another scene.

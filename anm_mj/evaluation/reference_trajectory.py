@@ -20,10 +20,8 @@ _FEWEST = 3
 
 
 def read_reference(path: Path) -> Track:
-    """Camera poses of a TUM file, in a world of their own.
-
-    Raises:
-        RunFolderError: the file cannot be read, or holds something else.
+    """Camera poses of a TUM file, in a world of their own. Raises RunFolderError if the file cannot be read, or holds
+    something else.
     """
     try:
         lines = read_table(path)

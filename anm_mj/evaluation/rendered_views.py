@@ -21,13 +21,8 @@ def compare_views(
     num_views: int,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[tuple[Observation, UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], ViewQuality]]:
-    """Each true view, colour and planar depth [m] that a map renders in its place, and their quality.
-
-    Args:
-        neural_map: The map.
-        views: The true views.
-        num_views: Their number, for the progress.
-        on_progress: Called with the views done and in all.
+    """Each true view, colour and planar depth [m] that a map renders in its place, and their quality. ``num_views`` is
+    for the progress.
     """
     for done, view in enumerate(views, start=1):
         rgb, depth_m = neural_map.render(view.intrinsics, view.T_world_camera)
@@ -36,15 +31,8 @@ def compare_views(
 
 
 def write_views(path: Path, rows: Sequence[dict[str, Any]], **facts: Any) -> ViewsResult:
-    """Write ``novel_views.json`` or ``fixed_views.json``; returns the means.
-
-    Args:
-        path: The file.
-        rows: A row for each view, with its ``quality``.
-        **facts: Further entries of the file.
-
-    Raises:
-        RunFolderError: The file cannot be written.
+    """Write ``novel_views.json`` or ``fixed_views.json``; returns the means. Each row has the ``quality`` of a view;
+    ``facts`` are further entries of the file. Raises RunFolderError if the file cannot be written.
     """
     result = ViewsResult(len(rows), mean_quality([row["quality"] for row in rows]) if rows else None)
     write_json(path, {"num_views": result.num_views, **facts, "mean": result.mean, "views": rows})

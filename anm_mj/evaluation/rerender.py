@@ -24,15 +24,8 @@ ROBOT_PREFIX = "robot/"
 
 
 def explored_scene(record: Run, scene: str | None = None) -> Scene:
-    """The scene that a run explored.
-
-    Args:
-        record: The run.
-        scene: Present name or folder of the scene, if it has moved.
-
-    Raises:
-        SceneError: There is no such scene.
-        RunFolderError: The run explored another scene.
+    """The scene that a run explored. ``scene`` is its present name or folder, if it has moved. Raises SceneError if
+    there is no such scene, and RunFolderError if the run explored another scene.
     """
     if not {"scene", "scene_hash"} <= record.manifest.keys():
         raise RunFolderError(f"The manifest of {record.folder.path} names no scene; give the folder of a whole run.")
@@ -84,8 +77,6 @@ def _of_config(kind: type[T], values: Mapping[str, Any]) -> T:
 
 def observations_of(record: Run, world: Scene) -> Iterator[Observation]:
     """All observations of a run, in order: the same images as in a run with an exact drive, true poses and no sensor.
-
-    Raises:
-        RenderError: No GL back-end works.
+    Raises RenderError if no GL back-end works.
     """
     return observe_at(world, [frame.pose for frame in record.frames], record.intrinsics.width, record)

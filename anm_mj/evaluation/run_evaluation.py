@@ -104,25 +104,16 @@ def evaluate_run(
 
 
 def without_cap_cm(folder: RunFolder, truth: GroundTruth, curve: CompletionCurve) -> float | None:
-    """Completion of a run without the cap at 1 m [cm], from its depth images; None without any depth point.
-
-    Args:
-        folder: The run folder.
-        truth: The true surface.
-        curve: Its completion curve, finished.
-
-    Raises:
-        RunFolderError: A file of the run is damaged.
+    """Completion of a run without the cap at 1 m [cm], from its depth images; None without any depth point. Raises
+    RunFolderError if a file of the run is damaged.
     """
     clouds = true_clouds(read_run(folder.path))
     return uncapped_completion_cm(truth.samples, curve.distance_m, clouds, _covered_before(folder, truth))
 
 
 def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeStatistics) -> None:
-    """Write ``curve.csv`` and ``curve.png`` of a finished curve.
-
-    Raises:
-        RunFolderError: The manifest is damaged, or a file cannot be written.
+    """Write ``curve.csv`` and ``curve.png`` of a finished curve. Raises RunFolderError if the manifest is damaged, or a
+    file cannot be written.
     """
     # No run waits for matplotlib before its first step.
     from anm_mj.viz.figure_file import save_figure
@@ -145,9 +136,7 @@ def quality_of_mesh(
     run: Run, truth: GroundTruth, curve: CompletionCurve
 ) -> tuple[MeshQuality, MeshQuality | None] | None:
     """Quality of a run's mesh as a whole, and culled to what a finished curve covered; None where there is no mesh.
-
-    Raises:
-        RunFolderError: The mesh is damaged.
+    Raises RunFolderError if the mesh is damaged.
     """
     if not run.folder.mesh.is_file():
         return None
@@ -210,10 +199,8 @@ def completion_with_halved_intrinsics(path: Path) -> Completion:
 
 
 def add_views(path: Path, novel_views: ViewsResult, fixed_views: ViewsResult) -> None:
-    """Add the metrics of novel and fixed views to the ``metrics.json`` of a finished run; everything else stays.
-
-    Raises:
-        RunFolderError: The file is missing or damaged, or cannot be written.
+    """Add the metrics of novel and fixed views to the ``metrics.json`` of a finished run; everything else stays. Raises
+    RunFolderError if the file is missing or damaged, or cannot be written.
     """
     metrics = RunFolder(path).metrics
     added = view_metrics(novel_views, NOVEL) | view_metrics(fixed_views, FIXED)

@@ -13,13 +13,7 @@ from anm_mj.utils.threads import usual_num_threads
 def surface_distance(
     points: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, " n"]:
-    """Unsigned distance of points to a triangle mesh [m].
-
-    Args:
-        points: world [m].
-        vertices: world [m].
-        faces: vertex indices; at least one.
-    """
+    """Unsigned distance of points to a triangle mesh [m]. There is one face at least."""
     order = spatial_order(points)
     ordered_m, distance_m = np.empty((2, len(points)))
     corners = np.ascontiguousarray(vertices[faces], dtype=np.float64)

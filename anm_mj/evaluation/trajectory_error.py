@@ -51,10 +51,8 @@ class TrajectoryError:
 
 
 def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
-    """The error of a run's trajectory; None where the poses that it believed are the true ones.
-
-    Args:
-        frames: of the run; at least one.
+    """The error of a run's trajectory; None where the poses that it believed are the true ones. There is one frame at
+    least.
     """
     lost_percent = 100.0 * float(np.mean([frame.is_lost for frame in frames]))
     unmapped_percent = 100.0 * float(np.mean([not frame.is_mapped for frame in frames]))

@@ -57,14 +57,7 @@ def compare_view(
     true_rgb: UInt8[np.ndarray, "h w 3"],
     true_depth_m: Float32[np.ndarray, "h w"],
 ) -> ViewQuality:
-    """Compare a rendered view with the true one.
-
-    Args:
-        rgb: Colour that the map renders.
-        depth_m: Planar depth that the map renders [m]; NaN without a surface.
-        true_rgb: Colour of the simulator.
-        true_depth_m: Planar depth of the simulator [m]; NaN without a surface.
-    """
+    """Compare a rendered view with the true one. Planar depth [m] is NaN without a surface."""
     known = np.isfinite(depth_m)
     in_range = true_depth_m <= MAX_DEPTH_M
     both = known & in_range

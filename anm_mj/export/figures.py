@@ -18,10 +18,8 @@ from anm_mj.viz.plots import curve_figure, topdown_figure
 
 
 def export_figures(run: Run, out: Path) -> list[Path]:
-    """``topdown`` and ``curve``, each as ``.png``, ``.pdf`` and ``.svg``; the curve where coverage was measured.
-
-    Raises:
-        RunFolderError: The run has no top-down map, or the files cannot be written.
+    """``topdown`` and ``curve``, each as ``.png``, ``.pdf`` and ``.svg``; the curve where coverage was measured. Raises
+    RunFolderError if the run has no top-down map, or the files cannot be written.
     """
     figures = {run.folder.topdown_picture.name: topdown_of(run)}
     if len(read_curve(run.folder.curve)["step"]):
@@ -31,11 +29,7 @@ def export_figures(run: Run, out: Path) -> list[Path]:
 
 
 def topdown_of(run: Run) -> ShownFigure:
-    """A run's top-down map.
-
-    Raises:
-        RunFolderError: It has none.
-    """
+    """A run's top-down map. Raises RunFolderError if it has none."""
     survey = survey_of(run)
     assert survey.topdown is not None
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
@@ -50,11 +44,7 @@ def topdown_of(run: Run) -> ShownFigure:
 
 
 def curve_of(run: Run) -> ShownFigure:
-    """A run's completion curve.
-
-    Raises:
-        RunFolderError: Its coverage was not measured.
-    """
+    """A run's completion curve. Raises RunFolderError if its coverage was not measured."""
     curve, metrics = read_curve(run.folder.curve), _metrics(run)
     if not len(curve["step"]):
         raise RunFolderError(f"{run.folder.path} has no completion curve: its coverage was not measured.")

@@ -23,10 +23,8 @@ OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 
 
 def export_nav2(run: Run, out: Path) -> list[Path]:
-    """``map.yaml`` and ``map.pgm``, as nav2's and ROS 1's map_server read them.
-
-    Raises:
-        RunFolderError: The run has no top-down map, or the files cannot be written.
+    """``map.yaml`` and ``map.pgm``, as nav2's and ROS 1's map_server read them. Raises RunFolderError if the run has no
+    top-down map, or the files cannot be written.
     """
     topdown = survey_of(run).topdown
     assert isinstance(topdown, TopDownMap)
@@ -51,10 +49,8 @@ def export_nav2(run: Run, out: Path) -> list[Path]:
 
 
 def export_graphml(run: Run, out: Path) -> list[Path]:
-    """``graph.graphml``: vertices with ``x_m``, ``y_m``, ``clearance_m``, edges with ``length_m``.
-
-    Raises:
-        RunFolderError: The run has no graph, or the file cannot be written.
+    """``graph.graphml``: vertices with ``x_m``, ``y_m``, ``clearance_m``, edges with ``length_m``. Raises
+    RunFolderError if the run has no graph, or the file cannot be written.
     """
     graph = _graph_of(run)
     root = ElementTree.Element("graphml", xmlns="http://graphml.graphdrawing.org/xmlns")
@@ -72,10 +68,8 @@ def export_graphml(run: Run, out: Path) -> list[Path]:
 
 
 def export_geojson(run: Run, out: Path) -> list[Path]:
-    """``graph.geojson``: vertices, edges, regions of interest and the trajectory, in metres of the world.
-
-    Raises:
-        RunFolderError: The run has no graph, or the file cannot be written.
+    """``graph.geojson``: vertices, edges, regions of interest and the trajectory, in metres of the world. Raises
+    RunFolderError if the run has no graph, or the file cannot be written.
     """
     graph, survey = _graph_of(run), survey_of(run)
     features = [
@@ -127,10 +121,8 @@ def export_route(run: Run, out: Path) -> list[Path]:
 
 
 def survey_of(run: Run) -> PlanRecord:
-    """Top-down map, graph and regions of the final map; of the last decision where the run did not end.
-
-    Raises:
-        RunFolderError: The run kept neither.
+    """Top-down map, graph and regions of the final map; of the last decision where the run did not end. Raises
+    RunFolderError if the run kept neither.
     """
     kept = [run.folder.survey, *(run.folder.plan(plan["step"]) for plan in reversed(run.plans))]
     for path in kept:

@@ -93,10 +93,8 @@ def export_colmap(run: Run, out: Path) -> list[Path]:
 
 
 def image_intrinsics(run: Run) -> Intrinsics:
-    """Intrinsics of the images that a run kept, which may be smaller than the camera's.
-
-    Raises:
-        RunFolderError: The run kept no images.
+    """Intrinsics of the images that a run kept, which may be smaller than the camera's. Raises RunFolderError if the
+    run kept no images.
     """
     first = run.folder.image(run.frames[0].step) if run.frames else run.folder.image(0)
     if not first.is_file():

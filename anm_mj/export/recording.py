@@ -31,9 +31,7 @@ Write = Callable[[str, str, FrameRecord, dict[str, Any]], None]
 
 def export_mcap(run: Run, out: Path, on_progress: Callable[[int, int], None] = lambda done, total: None) -> list[Path]:
     """``run.mcap``: poses, images, depth, calibration, decisions, completion and the points of the final surface.
-
-    Raises:
-        RunFolderError: The package mcap is missing, a file of the run is damaged, or the file cannot be written.
+    Raises RunFolderError if the package mcap is missing, a file of the run is damaged, or the file cannot be written.
     """
     try:
         from mcap.writer import Writer

@@ -18,11 +18,7 @@ T_Y_UP_WORLD = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0,
 
 
 def run_mesh(run: Run) -> trimesh.Trimesh:
-    """The coloured mesh of a run, world [m].
-
-    Raises:
-        RunFolderError: The run has no mesh, or it is damaged.
-    """
+    """The coloured mesh of a run, world [m]. Raises RunFolderError if the run has no mesh, or it is damaged."""
     path = run.folder.mesh
     if not path.is_file():
         raise RunFolderError(f"{run.folder.path} has no {path.name}: the run did not end, or saw no surface.")
@@ -31,10 +27,8 @@ def run_mesh(run: Run) -> trimesh.Trimesh:
 
 
 def surface_points(run: Run, most: int = 100_000) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"]]:
-    """At most so many vertices of the mesh, spread evenly over their list, with their colours.
-
-    Raises:
-        RunFolderError: The run has no mesh, or it is damaged.
+    """At most so many vertices of the mesh, spread evenly over their list, with their colours. Raises RunFolderError if
+    the run has no mesh, or it is damaged.
     """
     mesh = run_mesh(run)
     chosen = np.linspace(0, len(mesh.vertices) - 1, min(most, len(mesh.vertices))).astype(np.int64)

@@ -41,10 +41,8 @@ def began_s(run: Run) -> float:
 
 
 def parse_start(text: str) -> float:
-    """Seconds since 1970 of a date and time in ISO 8601, UTC unless it names a zone, or of such a number.
-
-    Raises:
-        ValueError: it is neither.
+    """Seconds since 1970 of a date and time in ISO 8601, UTC unless it names a zone, or of such a number. Raises
+    ValueError if it is neither.
     """
     try:
         return float(text)

@@ -34,11 +34,8 @@ def shortcut(
 def heading_legs(
     delta_m: Float[np.ndarray, "2"], yaw_rad: float
 ) -> tuple[tuple[int, int], tuple[float, float], tuple[float, float]]:
-    """The two legs, along the headings next to a straight line, that lead to its end.
-
-    Args:
-        delta_m: From the line's start to its end [m].
-        yaw_rad: Yaw of heading 0.
+    """The two legs, along the headings next to a straight line, that lead to its end. ``delta_m`` leads from the line's
+    start to its end [m]; heading 0 is ``yaw_rad``.
 
     Returns:
         The heading below and above the line (not wrapped), the angle from the line to each [rad], and the length of

@@ -12,10 +12,8 @@ FARTHEST_M = 1e6
 
 
 def checked_triangles(vertices: Any, faces: Any) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-    """Vertices [m] and faces as they are meant.
-
-    Raises:
-        ValueError: They have another shape or type, are not finite, or a face names a vertex that is not there.
+    """Vertices [m] and faces as they are meant. Raises ValueError if they have another shape or type, are not finite,
+    or a face names a vertex that is not there.
     """
     vertices, faces = np.asarray(vertices), np.asarray(faces)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind != "f":

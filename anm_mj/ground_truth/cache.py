@@ -68,11 +68,7 @@ def cached_ground_truth(
 
 
 def reachable_area(scene: Scene, footprint: Footprint, start: Pose2) -> ReachableArea:
-    """The area that a robot can reach from a start.
-
-    Raises:
-        SceneError: There is next to no floor.
-    """
+    """The area that a robot can reach from a start. Raises SceneError if there is next to no floor."""
     area = scene_area(scene, footprint)
     places = [area.places(k) for k in range(1, int(area.component.max()) + 1)]
     # A start beside an obstacle may lie in a blocked cell; the nearest component counts.

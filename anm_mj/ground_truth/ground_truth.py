@@ -61,10 +61,8 @@ class GroundTruth:
     def sample(
         cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int = NUM_SAMPLES
     ) -> GroundTruth:
-        """Uniform samples of a whole mesh, world [m], hidden parts included, as in the paper's protocol.
-
-        Raises:
-            SceneError: The mesh has no area.
+        """Uniform samples of a whole mesh, world [m], hidden parts included, as in the paper's protocol. Raises
+        SceneError if the mesh has no area.
         """
         samples, _ = sample_triangles(vertices, faces, num_samples, seed=0)
         return cls(samples.astype(np.float32), vertices.astype(np.float32), faces.astype(np.int32))
@@ -80,11 +78,7 @@ class GroundTruth:
 
     @classmethod
     def load(cls, path: Path) -> GroundTruth:
-        """Read what :meth:`save` wrote.
-
-        Raises:
-            RunFolderError: The file is missing or holds something else.
-        """
+        """Read what :meth:`save` wrote. Raises RunFolderError if the file is missing or holds something else."""
         try:
             return _checked(cls(**read_npz(path)))
         except FileNotFoundError as err:

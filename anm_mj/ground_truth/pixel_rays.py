@@ -35,12 +35,8 @@ class CameraExtrinsics:
 
 
 class PixelRays:
-    """Casts rays of pixels as the protocol evaluates them: 128 x 128, whole millimetres, within the camera's range.
-
-    Args:
-        caster: The surface.
-        camera: The camera.
-        yaw_rad: Yaw number 0; the others follow by the robot's turns.
+    """Casts rays of pixels as the protocol evaluates them: 128 x 128, whole millimetres, within the camera's range. Yaw
+    number 0 is ``yaw_rad``; the others follow by the robot's turns.
     """
 
     def __init__(self, caster: RayCaster, camera: CameraExtrinsics, yaw_rad: float = 0.0) -> None:

@@ -21,10 +21,8 @@ def is_recording(path: Path) -> bool:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """The files of a recording in a folder, in the order of their numbers: those of the first kind there is.
-
-    Raises:
-        OSError: the folder cannot be read.
+    """The files of a recording in a folder, in the order of their numbers: those of the first kind there is. Raises
+    OSError if the folder cannot be read.
     """
     there = [path for path in folder.iterdir() if path.suffix in _SUFFIXES]
     kind = next((suffix for suffix in _SUFFIXES if any(path.suffix == suffix for path in there)), "")

@@ -39,11 +39,8 @@ def encoding_of(message: Any) -> str:
 
 
 def colour_image(message: Any) -> UInt8[np.ndarray, "h w 3"]:
-    """The colours of a message.
-
-    Raises:
-        ValueError: The data do not fit the message's size, or are no picture.
-        OSError: The same, of compressed data.
+    """The colours of a message. Raises ValueError if the data do not fit the message's size, or are no picture, and
+    OSError for the same, of compressed data.
     """
     if not hasattr(message, "encoding"):
         with read_picture(io.BytesIO(_bytes(message))) as picture:
@@ -55,16 +52,10 @@ def colour_image(message: Any) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def depth_image(message: Any, unit_m: float, *, far: bool = False) -> Float32[np.ndarray, "h w"]:
-    """Planar depth of a message [m]; NaN where nothing was measured, or what no camera sees.
-
-    Args:
-        message: Image of encoding 16UC1, mono16 or 32FC1 (metres), or compressed depth.
-        unit_m: Metres per unit of 16-bit values.
-        far: Whether +inf, which REP 118 gives to what lies beyond the range, is kept.
-
-    Raises:
-        ValueError: The data do not fit the message's size, or are no picture.
-        OSError: The same, of compressed data.
+    """Planar depth of a message [m]; NaN where nothing was measured, or what no camera sees. ``message`` is an Image of
+    encoding 16UC1, mono16 or 32FC1 (metres), or compressed depth; ``unit_m`` are metres per unit of 16-bit values;
+    ``far`` keeps the +inf that REP 118 gives to what lies beyond the range. Raises ValueError if the data do not fit
+    the message's size, or are no picture, and OSError for the same, of compressed data.
     """
     if not hasattr(message, "encoding"):
         depth_m = _compressed_depth(message, unit_m)

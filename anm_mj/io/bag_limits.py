@@ -48,10 +48,8 @@ def limit_rosbags() -> None:
 
 
 def unpacked_start(compression: str, data: bytes) -> bytes:
-    """As much of a chunk of an MCAP file as its bytes give, be it cut or not.
-
-    Raises:
-        ValueError: the compression is unknown, the bytes are damaged, or unpack to more than is allowed.
+    """As much of a chunk of an MCAP file as its bytes give, be it cut or not. Raises ValueError if the compression is
+    unknown, the bytes are damaged, or unpack to more than is allowed.
     """
     import lz4.frame
     from rosbags.rosbag2 import reader as rosbag2

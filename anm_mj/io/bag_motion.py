@@ -51,10 +51,8 @@ class BagMotion(BagReader):
             return False
 
     def motion(self, camera_frame: str) -> Motion:
-        """From tf where it leads to the camera, else from the only topic of poses.
-
-        Raises:
-            RunFolderError: Neither says where the camera was.
+        """From tf where it leads to the camera, else from the only topic of poses. Raises RunFolderError if neither
+        says where the camera was.
         """
         tree = self._tree()
         fit = self.of_type(*POSES)

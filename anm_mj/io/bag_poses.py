@@ -144,12 +144,8 @@ class FrameTree:
     def hold(self, frame: str, gap_s: float, *, moves: bool = False) -> None:
         """Let links that never change count at all times, and those that change seldom between their poses.
 
-        Where no link changes, as of a camera that stands still, nothing tells whether one only ended early.
-
-        Args:
-            frame: Of the camera.
-            gap_s: For all other links, as :attr:`Track.gap_s` [s].
-            moves: Whether the motion of the frame is known from elsewhere.
+        Where no link changes, as of a camera that stands still, nothing tells whether one only ended early. ``gap_s``
+        is that of all other links; ``moves``: the motion of the frame is known from elsewhere.
         """
         links = self.links(frame)
         changing = [link for link in links if not link.is_constant]

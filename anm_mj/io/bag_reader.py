@@ -36,15 +36,9 @@ class BagReader:
         return sorted({one.topic for one in self.reader.connections if one.msgtype in types and one.msgcount > 0})
 
     def chosen(self, role: str, fit: list[str], preferred: list[str]) -> str:
-        """The topic of a role: the one that the user names, or the only preferred one.
-
-        Args:
-            role: What it is for.
-            fit: All topics that the user may name.
-            preferred: Those that are taken unless the user names one.
-
-        Raises:
-            RunFolderError: None fits, several do, or the named one does not.
+        """The topic of a role: the one that the user names, or the only preferred one. ``fit`` are all topics that the
+        user may name, ``preferred`` those that are taken unless the user names one. Raises RunFolderError if none fits,
+        several do, or the named one does not.
         """
         named = self.topics.get(role)
         if named is not None:
@@ -80,11 +74,8 @@ class BagReader:
         return len({(bytes(raw[:start]), bytes(raw[12:])) for _, _, raw in self._raw(topic)}) > 1
 
     def stamps(self, topic: str) -> tuple[list[Stamp], str]:
-        """When each image was made, in order, and the frame of all; the images are not decoded.
-
-        Raises:
-            RunFolderError: They are of several frames.
-            ValueError: There are more than are read.
+        """When each image was made, in order, and the frame of all; the images are not decoded. Raises RunFolderError
+        if they are of several frames, and ValueError if there are more than are read.
         """
         stamps, frames = [], set()
         for _, at_ns, raw in self._raw(topic):

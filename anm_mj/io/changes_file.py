@@ -14,15 +14,8 @@ from anm_mj.utils.files import atomic_write
 
 
 def write_changes(summary: Path, voxels: Path, changes: Sequence[SurfaceChange]) -> None:
-    """Write both files.
-
-    Args:
-        summary: ``changes.json``: one entry per piece of surface, largest first.
-        voxels: ``changes.npz``: the centres of all their voxels.
-        changes: What has changed.
-
-    Raises:
-        RunFolderError: They cannot be written.
+    """Write both files. ``changes.json`` has one entry per piece of surface, largest first, ``changes.npz`` the centres
+    of all their voxels. Raises RunFolderError if they cannot be written.
     """
     entries = [
         {

@@ -65,12 +65,7 @@ class CutMcap:
 
 
 def mended(path: Path) -> CutMcap:
-    """Index a cut file.
-
-    Raises:
-        OSError: it cannot be read.
-        ValueError: a chunk before the cut is damaged.
-    """
+    """Index a cut file. Raises OSError if it cannot be read, and ValueError if a chunk before the cut is damaged."""
     scan = _Scan()
     with open_regular(path) as file:
         total = file.seek(0, 2)

@@ -36,11 +36,7 @@ class Explored:
 
 
 def write_explored(path: Path, explored: Explored) -> None:
-    """Write the file, whole or not at all.
-
-    Raises:
-        RunFolderError: It cannot be written.
-    """
+    """Write the file, whole or not at all. Raises RunFolderError if it cannot be written."""
     prior = explored.prior
     arrays = {"poses": prior.poses, "refused": prior.collisions}
     arrays |= {f"{_REPLAY}{name}": value for name, value in explored.replay.items()}
@@ -52,11 +48,7 @@ def write_explored(path: Path, explored: Explored) -> None:
 
 
 def read_explored(path: Path) -> Explored:
-    """Read the file.
-
-    Raises:
-        RunFolderError: It is missing, damaged, or of another version.
-    """
+    """Read the file. Raises RunFolderError if it is missing, damaged, or of another version."""
     if not path.is_file():
         raise RunFolderError(
             f"{path.parent} has no {path.name}, without which no run goes on from it: it was killed (anm-mj explore "

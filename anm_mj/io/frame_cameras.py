@@ -19,14 +19,8 @@ _logger = logging.getLogger(__name__)
 
 
 def with_cameras(frames: Sequence[Frame], cameras: Sequence[Intrinsics]) -> tuple[Intrinsics, tuple[Frame, ...]]:
-    """The median camera, and the frames, each with its own camera where that differs from it.
-
-    Args:
-        frames: At least one.
-        cameras: Of each.
-
-    Raises:
-        ValueError: they are of images of different sizes, or one can be that of no camera.
+    """The median camera, and the frames, each with its own camera where that differs from it. There is one frame at
+    least. Raises ValueError if they are of images of different sizes, or one can be that of no camera.
     """
     for camera in cameras:
         check_camera(camera)

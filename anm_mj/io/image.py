@@ -17,15 +17,9 @@ DEPTH_MODES = ("I", "F", "I;16", "I;16B", "I;16L", "I;16N")
 
 
 def read_image(path: Path, mode: str | None = None, *, turned: bool = False) -> np.ndarray:
-    """Read an image as an array (rows, columns[, channels]).
-
-    Args:
-        path: Image file.
-        mode: PIL mode to convert to, such as ``RGB``; None = that of a depth image.
-        turned: Whether it is turned as its EXIF orientation says.
-
-    Raises:
-        RunFolderError: The image is missing or damaged, or no depth image.
+    """Read an image as an array (rows, columns[, channels]). ``mode`` is PIL's to convert to, such as ``RGB``, None =
+    that of a depth image; ``turned``: as its EXIF orientation says. Raises RunFolderError if the image is missing or
+    damaged, or no depth image.
     """
     try:
         with open_picture(path) as image:
@@ -39,10 +33,8 @@ def read_image(path: Path, mode: str | None = None, *, turned: bool = False) -> 
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """The first channel of an OpenEXR image: depth in metres.
-
-    Raises:
-        RunFolderError: The package OpenEXR is missing, or the image is damaged.
+    """The first channel of an OpenEXR image: depth in metres. Raises RunFolderError if the package OpenEXR is missing,
+    or the image is damaged.
     """
     try:
         import OpenEXR  # pyright: ignore[reportMissingImports] - optional

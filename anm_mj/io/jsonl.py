@@ -14,14 +14,8 @@ from anm_mj.utils.read_file import parse_json, read_bytes
 
 
 class LineWriter:
-    """Appends lines to a file and flushes after each.
-
-    Args:
-        path: The file.
-        size: None for a new file; else the length to cut an existing one to before going on [bytes].
-
-    Raises:
-        RunFolderError: The file cannot be made or written.
+    """Appends lines to a file and flushes after each. ``size`` None = a new file; else the length to cut an existing
+    one to before going on [bytes]. Raises RunFolderError if the file cannot be made or written.
     """
 
     def __init__(self, path: Path, size: int | None = None) -> None:
@@ -66,10 +60,8 @@ class LineWriter:
 
 
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
-    """All complete lines of a file; an incomplete last line, as a killed run leaves it, is skipped.
-
-    Raises:
-        RunFolderError: The file cannot be read, or a line before the last is not JSON.
+    """All complete lines of a file; an incomplete last line, as a killed run leaves it, is skipped. Raises
+    RunFolderError if the file cannot be read, or a line before the last is not JSON.
     """
     try:
         lines = read_bytes(path).decode("utf-8", errors="replace").split("\n")

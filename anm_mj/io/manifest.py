@@ -64,12 +64,7 @@ class RunFacts:
 
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
-    """The manifest of a run on this machine.
-
-    Args:
-        facts: Facts that the caller knows.
-        command: The command line.
-    """
+    """The manifest of a run on this machine."""
     return {
         **to_json(facts),
         "started": datetime.now(UTC).isoformat(timespec="milliseconds"),

@@ -27,10 +27,8 @@ _LOG_NUMBERS = 19
 
 
 def read_seven_scenes(folder: Path) -> Sequence:
-    """The frames ``frame-000000.color.png``, ``.depth.png`` and ``.pose.txt``.
-
-    Raises:
-        OSError, ValueError, RunFolderError: a pose or the first image is missing or damaged.
+    """The frames ``frame-000000.color.png``, ``.depth.png`` and ``.pose.txt``. Raises OSError, ValueError or
+    RunFolderError if a pose or the first image is missing or damaged.
     """
     named = {path.name.removesuffix(".depth.png"): path for path in folder.glob("frame-*.depth.png")}
     frames, left_out = _frames(
@@ -42,10 +40,8 @@ def read_seven_scenes(folder: Path) -> Sequence:
 
 
 def read_scannet(folder: Path) -> Sequence:
-    """The frames ``color/0.jpg``, ``depth/0.png`` and ``pose/0.txt``, with ``intrinsic/intrinsic_depth.txt``.
-
-    Raises:
-        OSError, ValueError, RunFolderError: the camera, a pose or the first image is missing or damaged.
+    """The frames ``color/0.jpg``, ``depth/0.png`` and ``pose/0.txt``, with ``intrinsic/intrinsic_depth.txt``. Raises
+    OSError, ValueError or RunFolderError if the camera, a pose or the first image is missing or damaged.
     """
     matrix = number_rows(folder / "intrinsic" / "intrinsic_depth.txt")
     if matrix.shape not in ((3, 3), (4, 4)):

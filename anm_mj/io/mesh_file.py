@@ -26,10 +26,8 @@ GREY = 102
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
-    """Write a mesh, whole or not at all; a mesh without faces is logged and not written.
-
-    Raises:
-        RunFolderError: The file cannot be written.
+    """Write a mesh, whole or not at all; a mesh without faces is logged and not written. Raises RunFolderError if the
+    file cannot be written.
     """
     if len(mesh.faces) == 0:
         logger.warning("The neural map holds no surface, so %s is not written.", path.name)
@@ -40,10 +38,8 @@ def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
 
 
 def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices (world [m]) and faces of a mesh file.
-
-    Raises:
-        RunFolderError: The file is cut short or holds no mesh.
+    """Vertices (world [m]) and faces of a mesh file. Raises RunFolderError if the file is cut short
+    or holds no mesh.
     """
     return _read(path)[:2]
 

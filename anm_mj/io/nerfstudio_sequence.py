@@ -56,11 +56,8 @@ class _Transforms(Struct):
 
 
 def read_nerfstudio(folder: Path) -> Sequence:
-    """The frames of a ``transforms.json`` that names depth images.
-
-    Raises:
-        KeyError, TypeError, ValueError, RunFolderError: The file is missing or damaged, names no depth, or its camera
-            is no pinhole.
+    """The frames of a ``transforms.json`` that names depth images. Raises KeyError, TypeError, ValueError or
+    RunFolderError if the file is missing or damaged, names no depth, or its camera is no pinhole.
     """
     facts = read_json(folder / "transforms.json")
     shape = convert(facts, _Transforms)

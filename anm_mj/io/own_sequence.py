@@ -33,11 +33,7 @@ _DEPTH_UNIT_M = 0.001
 
 
 def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:
-    """Open a sequence of this project's own layout.
-
-    Args:
-        path: Its folder.
-        needs_poses: Whether it is refused without poses.tum.
+    """Open a sequence of this project's own layout. It is refused without poses.tum where it ``needs_poses``.
 
     Raises:
         RunFolderError: camera.json or poses.tum is missing or invalid.
@@ -89,11 +85,7 @@ class SequenceWriter:
     """Writes observations as a sequence, frame by frame, without depths beyond 65.5 m."""
 
     def __init__(self, path: Path):
-        """Create the folder.
-
-        Raises:
-            RunFolderError: it is not empty, or cannot be created.
-        """
+        """Create the folder. Raises RunFolderError if it is not empty, or cannot be created."""
         self._path = path
         self._frames = 0
         try:
@@ -104,11 +96,7 @@ class SequenceWriter:
             raise RunFolderError(f"{path} cannot be made ({err.strerror}); choose a folder you may write to.") from err
 
     def write(self, observation: Observation) -> None:
-        """Add a frame.
-
-        Raises:
-            RunFolderError: a file cannot be written.
-        """
+        """Add a frame. Raises RunFolderError if a file cannot be written."""
         if not self._frames:
             write_json(self._path / "camera.json", {**asdict(observation.intrinsics), "depth_unit_m": _DEPTH_UNIT_M})
         name = f"{self._frames:06d}.png"

@@ -29,9 +29,7 @@ _UNIT_M = 0.001
 
 def read_stray(folder: Path) -> Sequence:
     """Stray Scanner: ``odometry.csv``, ``camera_matrix.csv``, ``depth/``, ``confidence/``, ``rgb/`` or ``rgb.mp4``.
-
-    Raises:
-        OSError, ValueError, RunFolderError: a table, the first depth image or the video is missing or damaged.
+    Raises OSError, ValueError or RunFolderError if a table, the first depth image or the video is missing or damaged.
     """
     lines = number_rows(folder / "odometry.csv")
     if lines.shape[1] not in (9, 13):
@@ -127,10 +125,8 @@ class _Record3D(Struct):
 
 
 def read_record3d(folder: Path) -> Sequence:
-    """Record3D's export of EXR and colour: ``metadata.json``, ``rgb/`` and ``depth/``, in ``EXR_RGBD/`` or not.
-
-    Raises:
-        OSError, ValueError, RunFolderError: the metadata are damaged, or no frame is whole.
+    """Record3D's export of EXR and colour: ``metadata.json``, ``rgb/`` and ``depth/``, in ``EXR_RGBD/`` or not. Raises
+    OSError, ValueError or RunFolderError if the metadata are damaged, or no frame is whole.
     """
     place = folder / "EXR_RGBD" if (folder / "EXR_RGBD").is_dir() else folder
     said = place / "metadata.json"

@@ -43,11 +43,7 @@ class PlanRecord:
 
 
 def write_plan(path: Path, record: PlanRecord) -> None:
-    """Write a decision, whole or not at all.
-
-    Raises:
-        RunFolderError: The file cannot be written.
-    """
+    """Write a decision, whole or not at all. Raises RunFolderError if the file cannot be written."""
     arrays: dict[str, Any] = {"path_xy_m": np.asarray(record.path_xy_m, np.float32).reshape(-1, 2)}
     if record.topdown is not None:
         # Half precision: 2 mm at 4 m, and half the bytes.
@@ -79,11 +75,7 @@ def write_plan(path: Path, record: PlanRecord) -> None:
 
 
 def read_plan(path: Path) -> PlanRecord:
-    """Read what :func:`write_plan` wrote.
-
-    Raises:
-        RunFolderError: The file is missing or holds something else.
-    """
+    """Read what :func:`write_plan` wrote. Raises RunFolderError if the file is missing or holds something else."""
     try:
         arrays = read_npz(path)
         path_xy_m = array_of(arrays, "path_xy_m", "f", (None, 2)).astype(np.float64)

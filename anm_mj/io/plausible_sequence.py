@@ -25,10 +25,8 @@ _logger = logging.getLogger(__name__)
 
 
 def check_assumed_camera(sequence: Sequence) -> None:
-    """Warn of a camera that no file states.
-
-    Raises:
-        RunFolderError: its images have another size than those of the data set.
+    """Warn of a camera that no file states. Raises RunFolderError if its images have another size than those of the
+    data set.
     """
     camera = sequence.intrinsics
     numbers = f"{camera.fx:g} px, as in the data set of its layout"
@@ -67,11 +65,7 @@ def with_poses_alone(sequence: Sequence) -> Sequence:
 
 
 def say_left_out(sequence: Sequence) -> None:
-    """Warn of the frames that are not read.
-
-    Raises:
-        RunFolderError: they are more than ``max_bad`` allows, or all.
-    """
+    """Warn of the frames that are not read. Raises RunFolderError if they are more than ``max_bad`` allows, or all."""
     told = [each for each in sequence.left_out if each.frames > 0]
     for each in told:
         _logger.warning("%s: %d of %d frames are left out, because %s.", sequence.path, each.frames, each.of, each.why)
@@ -89,10 +83,8 @@ def say_left_out(sequence: Sequence) -> None:
 
 
 def check_sequence(sequence: Sequence) -> None:
-    """Accept a camera, poses and files that can be those of a recording, whoever wrote them.
-
-    Raises:
-        RunFolderError: something cannot be true, or a file lies outside of the sequence's folder.
+    """Accept a camera, poses and files that can be those of a recording, whoever wrote them. Raises RunFolderError if
+    something cannot be true, or a file lies outside of the sequence's folder.
     """
     path = sequence.path
     try:

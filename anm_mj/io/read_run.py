@@ -64,10 +64,8 @@ class Run:
         return depth_mm
 
     def picture_bytes(self, path: Path) -> bytes:
-        """Content of an image file of the run, colour or depth, for a copy.
-
-        Raises:
-            RunFolderError: It is missing, no picture, or lies outside of the run's folder.
+        """Content of an image file of the run, colour or depth, for a copy. Raises RunFolderError if it is missing, no
+        picture, or lies outside of the run's folder.
         """
         if not is_below(path, self.folder.path):
             raise RunFolderError(f"{path} leads out of the run's folder; copy the run again.")
@@ -81,11 +79,7 @@ class Run:
 
 
 def read_run(path: Path) -> Run:
-    """Read a run folder.
-
-    Raises:
-        RunFolderError: The folder contains no run, or a file in it is damaged.
-    """
+    """Read a run folder. Raises RunFolderError if the folder contains no run, or a file in it is damaged."""
     folder = RunFolder.open(path)
     try:
         camera = convert(read_json(folder.camera), CameraShape)
@@ -111,10 +105,8 @@ def read_run(path: Path) -> Run:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that contains an object.
-
-    Raises:
-        RunFolderError: It cannot be read, or contains something else.
+    """Read a JSON file that contains an object. Raises RunFolderError if it cannot be read, or
+    contains something else.
     """
     try:
         value = read_file.read_json(path)
@@ -126,11 +118,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_depth(path: Path) -> UInt16[np.ndarray, "rows cols"]:
-    """Read a 16-bit depth image [mm].
-
-    Raises:
-        RunFolderError: The image is missing or damaged.
-    """
+    """Read a 16-bit depth image [mm]. Raises RunFolderError if the image is missing or damaged."""
     image = read_image(path)
     if image.ndim != 2:
         raise RunFolderError(f"{path} is no depth image: it has colours; copy the run again.")

@@ -32,10 +32,8 @@ class _ReplicaParameters(Struct):
 
 
 def read_replica(folder: Path) -> Sequence:
-    """The images in ``results/``, or in the folder itself, with the poses of ``traj.txt``.
-
-    Raises:
-        OSError, ValueError, RunFolderError: The camera or the poses are missing or damaged, or an image has no partner.
+    """The images in ``results/``, or in the folder itself, with the poses of ``traj.txt``. Raises OSError, ValueError
+    or RunFolderError if the camera or the poses are missing or damaged, or an image has no partner.
     """
     poses = _poses(folder / "traj.txt")
     images = folder / "results" if (folder / "results").is_dir() else folder

@@ -21,10 +21,8 @@ _ENCODINGS = {"|u1": "rgb8", "<u2": "16UC1", "<f4": "32FC1"}
 
 
 class RosMessages:
-    """Makes messages of the types that all ROS 2 distributions since Humble share; times are in seconds.
-
-    Raises:
-        ModuleNotFoundError: the package rosbags is missing.
+    """Makes messages of the types that all ROS 2 distributions since Humble share; times are in seconds. Raises
+    ModuleNotFoundError if the package rosbags is missing.
     """
 
     def __init__(self) -> None:

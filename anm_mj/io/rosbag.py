@@ -238,10 +238,8 @@ def _words(numbers: Float[np.ndarray, " n"]) -> str:
 
 
 def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, LensDistortion | None]:
-    """The camera of a ``sensor_msgs/CameraInfo``, and its distortion where images are not ``rectified``.
-
-    Raises:
-        ValueError: it is empty, of a part of the image, or of a distortion that is not known.
+    """The camera of a ``sensor_msgs/CameraInfo``, and its distortion where images are not ``rectified``. Raises
+    ValueError if it is empty, of a part of the image, or of a distortion that is not known.
     """
     # A bag of ROS 1 has upper-case names.
     matrix = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64).reshape(3, 3)

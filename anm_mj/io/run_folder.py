@@ -107,11 +107,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
-        """The folder of an existing run.
-
-        Raises:
-            RunFolderError: There is no such folder, or it contains no run.
-        """
+        """The folder of an existing run. Raises RunFolderError if there is no such folder, or it contains no run."""
         if not os.path.isdir(path):  # Unlike Path.is_dir, never an error.
             close = close_name(str(path), _folders_beside(path))
             raise RunFolderError(f"{path} is not a folder{close}; give the folder that a run wrote.")
@@ -160,11 +156,7 @@ def _numbered(path: Path) -> Path:
 
 
 def empty_folder(path: Path) -> Path:
-    """Create a folder unless it exists, and require it to be empty.
-
-    Raises:
-        RunFolderError: It is not empty.
-    """
+    """Create a folder unless it exists, and require it to be empty. Raises RunFolderError if it is not empty."""
     path.mkdir(parents=True, exist_ok=True)
     if any(path.iterdir()):
         raise RunFolderError(f"{path} is not empty; choose another folder, or remove this one.")

@@ -11,10 +11,8 @@ from anm_mj.io.run_folder import RunFolder
 
 
 def run_title(folder: RunFolder) -> str:
-    """Scene, policy and seed of a run; the folder's name where it has no manifest.
-
-    Raises:
-        RunFolderError: The manifest cannot be read.
+    """Scene, policy and seed of a run; the folder's name where it has no manifest. Raises RunFolderError if the
+    manifest cannot be read.
     """
     facts: dict[str, Any] = read_json(folder.manifest) if folder.manifest.is_file() else {}
     if "scene" not in facts:
@@ -27,14 +25,8 @@ def run_title(folder: RunFolder) -> str:
 
 
 def titled(folder: RunFolder, metrics: Mapping[str, Any]) -> str:
-    """Two lines: what the run is, and its headline metric and length; what is missing or None is left out.
-
-    Args:
-        folder: The run.
-        metrics: Its metrics, by the keys of ``metrics.json``.
-
-    Raises:
-        RunFolderError: The manifest cannot be read.
+    """Two lines: what the run is, and its headline metric and length; what is missing or None is left out. ``metrics``
+    have the keys of ``metrics.json``. Raises RunFolderError if the manifest cannot be read.
     """
     parts = []
     for key, words in (("observable_ratio", "of the observable surface"), ("completion_ratio", "of the surface")):

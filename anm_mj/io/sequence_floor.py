@@ -64,11 +64,9 @@ def find_floor_m(sequence: Sequence) -> float:
 
 
 def levelled(sequence: Sequence, up: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
-    """How the world of a sequence without poses, that of its first camera, is turned so that z points up.
-
-    Args:
-        sequence: Its first frame shows the floor, or another level surface as the lowest one.
-        up: The turn for a camera that is held level; it stands where no floor shows that the camera is not.
+    """How the world of a sequence without poses, that of its first camera, is turned so that z points up. Its first
+    frame shows the floor, or another level surface as the lowest one. ``up`` is the turn for a camera that is held
+    level; it stands where no floor shows that the camera is not.
     """
     try:
         seen = _above_floor(next(sequence.first().observations()))

@@ -87,14 +87,9 @@ class SequenceOptions:
 
 
 def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
-    """Open a recorded sequence, and say in which layout it is.
-
-    Args:
-        path: Its folder, a ``transforms.json``, or a bag: its folder, a ``.mcap``, ``.db3`` or ``.bag`` file.
-        options: What the files do not say.
-
-    Raises:
-        RunFolderError: The folder is none of the layouts, a file is missing or damaged, or an option is out of range.
+    """Open a recorded sequence, and say in which layout it is. ``path`` is its folder, a ``transforms.json``, or a bag:
+    its folder, a ``.mcap``, ``.db3`` or ``.bag`` file. Raises RunFolderError if the folder is none of the layouts, a
+    file is missing or damaged, or an option is out of range.
     """
     options = options or SequenceOptions()
     if options.layout is not None and options.layout not in (*LAYOUTS, BAG):

@@ -19,10 +19,8 @@ _NUMBER = re.compile(r"(\d+)")
 
 
 def rows(path: Path) -> Iterator[str]:
-    """Lines of a text file that say something: neither empty nor a comment, without a byte order mark.
-
-    Raises:
-        OSError, ValueError: the file cannot be read.
+    """Lines of a text file that say something: neither empty nor a comment, without a byte order mark. Raises OSError
+    or ValueError if the file cannot be read.
     """
     for line in read_text(path).removeprefix("\ufeff").splitlines():
         if (said := line.strip()) and not said.startswith("#"):
@@ -30,10 +28,8 @@ def rows(path: Path) -> Iterator[str]:
 
 
 def number_rows(path: Path) -> Float[np.ndarray, "n columns"]:
-    """The rows of a table of numbers between blanks or commas; a first line of words is its header.
-
-    Raises:
-        OSError, ValueError: the file cannot be read, holds something else, or its rows differ in length.
+    """The rows of a table of numbers between blanks or commas; a first line of words is its header. Raises OSError or
+    ValueError if the file cannot be read, holds something else, or its rows differ in length.
     """
     lines = [line.replace(",", " ").replace(";", " ").split() for line in rows(path)]
     if lines and not any(_is_number(word) for word in lines[0]):
@@ -44,11 +40,7 @@ def number_rows(path: Path) -> Float[np.ndarray, "n columns"]:
 
 
 def seconds(times: Sequence[float]) -> list[float]:
-    """Times that are later than any in seconds, as of nanoseconds, in the unit in which they pass as frames do.
-
-    Args:
-        times: In any order.
-    """
+    """Times that are later than any in seconds, as of nanoseconds, in the unit in which they pass as frames do."""
     stated = np.array(times, np.float64)
     if not len(stated) or not stated.max() > LATEST_S:
         return list(times)

@@ -22,15 +22,10 @@ _ICL_SIZE = (640, 480)
 
 
 def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float) -> Sequence:
-    """ARKitScenes: ``lowres_wide/``, ``lowres_depth/``, ``lowres_wide_intrinsics/``, ``confidence/`` and poses.
-
-    Args:
-        folder: Of one video.
-        match_s: Images, cameras and confidences belong to a depth image up to this difference [s].
-        max_gap_s: Poses are interpolated between two that lie no farther apart [s].
-
-    Raises:
-        OSError, ValueError, RunFolderError: the poses or a camera are damaged, or no frame is whole.
+    """ARKitScenes: ``lowres_wide/``, ``lowres_depth/``, ``lowres_wide_intrinsics/``, ``confidence/`` and poses. Images,
+    cameras and confidences belong to a depth image up to a difference of ``match_s``; poses are interpolated between
+    two that lie no farther apart than ``max_gap_s``. Raises OSError, ValueError or RunFolderError if the poses or a
+    camera are damaged, or no frame is whole.
     """
     lines = number_rows(folder / "lowres_wide.traj")
     if lines.shape[1] != 7:
@@ -71,11 +66,8 @@ def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float) -> Seque
 def read_icl(folder: Path, *, max_gap_s: float) -> Sequence:
     """ICL-NUIM as TUM's tools read it: ``associations.txt``, ``depth/``, ``rgb/`` and a file ``*.gt.freiburg``.
 
-    Its world is left-handed, as its camera is; here, it is mirrored along x.
-
-    Args:
-        folder: Of the sequence.
-        max_gap_s: Poses are interpolated between two that lie no farther apart [s].
+    Its world is left-handed, as its camera is; here, it is mirrored along x. Poses are interpolated between two that
+    lie no farther apart than ``max_gap_s``.
 
     Raises:
         OSError, ValueError, RunFolderError: a list is damaged, or no frame is whole.

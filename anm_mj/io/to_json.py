@@ -41,10 +41,6 @@ def to_json(value: object) -> Any:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a value as JSON, whole or not at all.
-
-    Raises:
-        RunFolderError: The file cannot be written.
-    """
+    """Write a value as JSON, whole or not at all. Raises RunFolderError if the file cannot be written."""
     with writing(path):
         write_text(path, json.dumps(to_json(value), indent=2) + "\n")

@@ -18,11 +18,7 @@ from anm_mj.utils.read_file import open_regular
 
 
 def video_size(path: Path) -> tuple[int, int]:
-    """Width and height of a video's frames as they are stored [px].
-
-    Raises:
-        RunFolderError: it cannot be decoded.
-    """
+    """Width and height of a video's frames as they are stored [px]. Raises RunFolderError if it cannot be decoded."""
     with tempfile.TemporaryFile() as file:
         _decode(path, file, 1, "-c:v", "png", "-f", "image2pipe")
         file.seek(0)
@@ -37,24 +33,15 @@ class VideoFrames:
     """The frames of a video at a smaller size, decoded when the first is asked for, and kept in a temporary file."""
 
     def __init__(self, path: Path, width: int, height: int, count: int) -> None:
-        """Nothing is decoded yet.
-
-        Args:
-            path: The video, of the kind of MP4 and MOV.
-            width: Of the images that come out [px].
-            height: The same.
-            count: So many frames are decoded at most.
+        """Nothing is decoded yet. Of the video, of the kind of MP4 and MOV, ``count`` frames are decoded at most, to
+        ``width`` x ``height`` pixels.
         """
         self._path, self._count = path, count
         self._shape = (height, width, 3)
         self._file: IO[bytes] | None = None
 
     def read(self, index: int) -> UInt8[np.ndarray, "h w 3"]:
-        """A frame by its number.
-
-        Raises:
-            RunFolderError: the video cannot be decoded, or ends before.
-        """
+        """A frame by its number. Raises RunFolderError if the video cannot be decoded, or ends before."""
         height, width, _ = self._shape
         if self._file is None:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - it is read as long as the object lives

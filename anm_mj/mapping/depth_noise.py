@@ -29,10 +29,8 @@ _LEAST_TRIPLES = 16
 
 
 def inverse_depth_noise(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
-    """Standard deviation of inverse depth in an image [1/m], so that sigma_z = this times z^2.
-
-    Args:
-        depth_m: planar depth [m]; what is not finite and positive was not measured.
+    """Standard deviation of inverse depth in an image [1/m], so that sigma_z = this times z^2. Planar depth that is not
+    finite and positive was not measured.
 
     Returns:
         The larger of the figures along rows and along columns; None where too little was measured to tell.

@@ -255,11 +255,7 @@ class DepthOccupancy:
         return {**arrays, "num_frames": np.array(self._num_frames), "depth_noise": self.noise.array()}
 
     def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`arrays` gave.
-
-        Raises:
-            ValueError: It was not given so.
-        """
+        """Take over what :meth:`arrays` gave. Raises ValueError if it was not given so."""
         _check(arrays)
         self._num_frames = int(arrays["num_frames"])
         self.noise.set_array(arrays["depth_noise"])
@@ -311,10 +307,8 @@ class DepthOccupancy:
         return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
 
     def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Make room for voxels ``low`` to ``high`` (x, y, z, both included).
-
-        Raises:
-            MapError: There would be more than ``MAX_VOXELS``.
+        """Make room for voxels ``low`` to ``high`` (x, y, z, both included). Raises MapError if there would be more
+        than ``MAX_VOXELS``.
         """
         old = self.voxels
         shape = np.array(old.state.shape[::-1])

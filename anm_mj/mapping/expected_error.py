@@ -31,12 +31,7 @@ def expected_errors(
     """The part of the expected error at surface points [m] that more observations can take away.
 
     It comes from the last-layer variance, whatever method the map is configured for: that predicts the error best.
-
-    Args:
-        backend: The engine that holds the parameters.
-        occupancy: What was observed, and how densely.
-        points_m: World points on the surface [m].
-        density_exponent: As in the schedule that the map was trained by.
+    ``density_exponent`` is that of the schedule that the map was trained by.
     """
     variance = last_layer_variance(backend, occupancy, points_m, density_exponent)
     error_m = (SCALE_M * variance**EXPONENT).astype(np.float32)

@@ -44,10 +44,8 @@ class Field:
     REBUILT = ("backend", "_device", "_good", "_good_frame")
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str) -> None:
-        """An untrained field; see :class:`anm_mj.mapping.neural_map.NeuralMap`.
-
-        Raises:
-            MapError: The device or the engine is unknown or absent.
+        """An untrained field; see :class:`anm_mj.mapping.neural_map.NeuralMap`. Raises MapError if the device or the
+        engine is unknown or absent.
         """
         self.config = config
         """With the table as large as it has become."""
@@ -78,18 +76,14 @@ class Field:
         return self.num_frames % self.config.schedule.keyframe_every == 0
 
     def add_keyframe(self, observation: Observation, weight: Float32[np.ndarray, "h w"] | None) -> None:
-        """Keep pixels of an observation for replay, drawn in proportion to a weight; None = uniformly.
-
-        Raises:
-            MapError: The store has no room for one more keyframe.
+        """Keep pixels of an observation for replay, drawn in proportion to a weight; None = uniformly. Raises MapError
+        if the store has no room for one more keyframe.
         """
         self.keyframes.add(observation, self._rng, weight)
 
     def continue_from(self, keyframes: Keyframes, num_frames: int) -> None:
-        """Replay keyframes of a prior run; the next frame is a keyframe, and one to train on.
-
-        Raises:
-            MapError: The store has no room for them.
+        """Replay keyframes of a prior run; the next frame is a keyframe, and one to train on. Raises MapError if the
+        store has no room for them.
         """
         self.keyframes.replace(0, keyframes)
         round_up = math.lcm(self.config.schedule.keyframe_every, self.config.schedule.train_every)
@@ -204,10 +198,8 @@ class Field:
         return self.backend.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_state` gave; the table may have grown since the start.
-
-        Raises:
-            MapError: It does not fit the configuration.
+        """Take over what :meth:`get_state` gave; the table may have grown since the start. Raises MapError if it does
+        not fit the configuration.
         """
         if self.backend.config.field != self.config.field:
             self.backend = make_backend(self.config, seed=self.seed, device=self._device)
@@ -218,9 +210,7 @@ class Field:
         """Double the table while the scene is large for it; every place keeps the features it has learnt.
 
         The optimiser starts afresh, as its moments belong to an engine; that happens a few times in a run at most.
-
-        Args:
-            surface_volume_m3: Volume of the occupancy grid's blocks that hold surface.
+        ``surface_volume_m3`` is that of the occupancy grid's blocks that hold surface.
         """
         while True:
             field = self.config.field

@@ -35,11 +35,7 @@ class Keyframes:
 
     @classmethod
     def of(cls, arrays: dict[str, np.ndarray]) -> Keyframes:
-        """The keyframes that :meth:`arrays` described.
-
-        Raises:
-            MapError: They were not described so.
-        """
+        """The keyframes that :meth:`arrays` described. Raises MapError if they were not described so."""
         try:
             data, count, cameras = arrays["pixels"], arrays["num_pixels"].astype(np.int64), arrays["cameras"]
             pixels = np.ascontiguousarray(data).view(PIXEL).reshape(-1)
@@ -91,12 +87,7 @@ class KeyframeStore:
     REBUILT = ("_pixels", "_cameras")
 
     def __init__(self, limit_bytes: int, pixel_share: float) -> None:
-        """An empty store.
-
-        Args:
-            limit_bytes: Memory for pixels [bytes].
-            pixel_share: Share of a keyframe's pixels to keep, in (0, 1].
-        """
+        """An empty store. It keeps ``pixel_share`` of a keyframe's pixels, in (0, 1], in ``limit_bytes`` of memory."""
         self._share = pixel_share
         # One array for all, so that a batch is one look-up however many frames there are. The system hands out its
         # memory only as it is written to.
@@ -150,11 +141,7 @@ class KeyframeStore:
         return Keyframes(self._pixels[: self._start[first]], self.num_pixels[:first], self._cameras[:first])
 
     def replace(self, first: int, keyframes: Keyframes) -> None:
-        """Put other keyframes in the place of the oldest ``first`` ones.
-
-        Raises:
-            MapError: They do not fit.
-        """
+        """Put other keyframes in the place of the oldest ``first`` ones. Raises MapError if they do not fit."""
         every = self.keyframes()
         rest = every.pixels[int(self._start[first]) :], self.num_pixels[first:], every.cameras[first:]
         pixels = np.concatenate((keyframes.pixels, rest[0]))
@@ -171,10 +158,8 @@ class KeyframeStore:
         return self._pixels[: self._start[-1]], self._cameras
 
     def set_state(self, state: tuple[np.ndarray, np.ndarray]) -> None:
-        """Take over what :meth:`get_state` gave.
-
-        Raises:
-            MapError: It was not given so, or has no place in this store.
+        """Take over what :meth:`get_state` gave. Raises MapError if it was not given so, or has no
+        place in this store.
         """
         pixels, cameras = state
         stored = Keyframes.of(Keyframes(pixels, self.num_pixels, cameras).arrays())

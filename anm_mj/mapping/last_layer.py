@@ -35,12 +35,7 @@ def last_layer_variance(
     backend: MapperBackend, occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"], density_exponent: float
 ) -> Float32[np.ndarray, " n"]:
     """Variance of s at world points [m] by leverage and observation count, up to a constant factor.
-
-    Args:
-        backend: The engine that holds the parameters.
-        occupancy: What was observed, and how densely.
-        points_m: World points [m].
-        density_exponent: As in the schedule that the map was trained by.
+    ``density_exponent`` is that of the schedule that the map was trained by.
     """
     count = PRIOR_OBSERVATIONS + observation_density(occupancy, points_m)
     return (leverage(backend, occupancy, points_m, density_exponent) / count ** (1.0 - density_exponent)).astype(

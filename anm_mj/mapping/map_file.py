@@ -42,10 +42,8 @@ class SavedMap:
         return cls(field.config, field.seed, field.num_frames, field.finite_parameters(), by_depth.arrays())
 
     def fill(self, field: Field, by_depth: DepthOccupancy) -> None:
-        """Put everything into new parts of a map.
-
-        Raises:
-            MapError: It is not what the configuration says, or damaged.
+        """Put everything into new parts of a map. Raises MapError if it is not what the
+        configuration says, or damaged.
         """
         try:
             field.backend.set_parameters(self.parameters)
@@ -66,11 +64,7 @@ class _About(Struct):
 
 
 def write_map(path: Path, saved: SavedMap) -> None:
-    """Write a map.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write a map. Raises OSError if the file cannot be written."""
     about = {
         "format": FORMAT,
         "config": asdict(saved.config),
@@ -86,11 +80,7 @@ def write_map(path: Path, saved: SavedMap) -> None:
 
 
 def read_map(path: Path) -> SavedMap:
-    """Read a map.
-
-    Raises:
-        MapError: The file is missing or is no map.
-    """
+    """Read a map. Raises MapError if the file is missing or is no map."""
     if not path.is_file():
         raise MapError(f"There is no map at {path}; give the map.safetensors of a run folder.")
     try:

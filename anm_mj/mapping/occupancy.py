@@ -32,12 +32,9 @@ class Occupancy:
     def grid(
         self, sdf_m: SdfQuery, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
     ) -> OccupancyGrid:
-        """The grid as of now; views of the arrays within.
-
-        Args:
-            sdf_m: The field: signed distance at world points (N, 3) [m], positive in free space.
-            centre_xy_m: See :meth:`anm_mj.mapping.neural_map.NeuralMap.occupancy_grid`.
-            radius_m: See there.
+        """The grid as of now; views of the arrays within. ``sdf_m`` is the field: signed distance at world points (N,
+        3) [m], positive in free space; place and radius as of
+        :meth:`anm_mj.mapping.neural_map.NeuralMap.occupancy_grid`.
         """
         if self._by_field is None:
             return self.by_depth.grid

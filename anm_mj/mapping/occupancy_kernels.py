@@ -83,12 +83,8 @@ class OccupancyKernels:
     """What changes and reads the arrays of a grid."""
 
     def __init__(self, config: OccupancyConfig, num_threads: int | None = None, kernel: str = "") -> None:
-        """Make the kernels.
-
-        Args:
-            config: settings of the grid.
-            num_threads: threads to compute with; None = one per core, or as ``OMP_NUM_THREADS`` says.
-            kernel: instruction set to use; empty for the best of this processor.
+        """Make the kernels. ``num_threads`` None = one per core, or as ``OMP_NUM_THREADS`` says; ``kernel`` is the
+        instruction set, empty for the best of this processor.
         """
         self._config = config
         self._native = _native.Occupancy(num_threads or usual_num_threads(), kernel)

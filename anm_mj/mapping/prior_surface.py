@@ -39,12 +39,8 @@ class PriorSurface:
     """The grid of a prior run, and which keyframes of the store are its own."""
 
     def __init__(self, grid: OccupancyGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes) -> None:
-        """Remember a prior run.
-
-        Args:
-            grid: free, occupied and unknown as it left them.
-            corner: x, y, z index of its cell [0, 0, 0].
-            keyframes: those of it that are replayed.
+        """Remember a prior run. ``grid`` is as they left it, ``corner`` the index x, y, z of its cell [0, 0, 0],
+        ``keyframes`` are those that are replayed.
         """
         self._state = grid.state.copy()
         self._corner = corner.copy()
@@ -79,12 +75,8 @@ class PriorSurface:
         return tuple(sorted(found, key=lambda change: -len(change.xyz_m)))
 
     def forget_contradicted(self, store: KeyframeStore, grid: OccupancyGrid, corner: Int64[np.ndarray, "3"]) -> None:
-        """Drop the pixels of the prior run that are contradicted by what has changed since the last call.
-
-        Args:
-            store: the keyframes, the prior run's before all others.
-            grid: the grid as of now.
-            corner: its corner.
+        """Drop the pixels of the prior run that are contradicted by what has changed since the last call. The prior
+        run's keyframes stand before all others in ``store``; ``grid`` is as of now, ``corner`` that of it.
         """
         prior = store.keyframes(self._num_keyframes)
         dropped = self._contradicted(grid, corner, prior)

@@ -65,13 +65,8 @@ def rays_of_pixels(
     depth_m: Float32[np.ndarray, " n"],
     camera: Float32[np.ndarray, "n 17"],
 ) -> RayBatch:
-    """World rays through the middles of pixels.
-
-    Args:
-        pixel: Place in the image, row by row.
-        rgb: Colours.
-        depth_m: Planar depth [m]; NaN where there is none.
-        camera: What each was seen by, as :func:`camera_row` has it.
+    """World rays through the middles of pixels. ``pixel`` is the place in the image, row by row; planar depth [m] is
+    NaN where there is none; ``camera`` is as :func:`camera_row` has it.
     """
     width, fx, fy, cx, cy = camera.T[:5]
     T_world_camera = camera[:, 5:].reshape(-1, 3, 4)

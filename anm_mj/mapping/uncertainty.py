@@ -35,14 +35,8 @@ def uncertainty_at(
     config: MappingConfig,
     seed: int,
 ) -> Float32[np.ndarray, " n"]:
-    """Uncertainty at world points [m] by the configured method; comparable within one method only.
-
-    Args:
-        backend: The engine that holds the parameters.
-        occupancy: What was observed, and how densely.
-        points_m: World points [m].
-        config: Settings that the map was trained by.
-        seed: What the noise of perturbations is derived from.
+    """Uncertainty at world points [m] by the configured method; comparable within one method only. The noise of
+    perturbations is derived from ``seed``.
 
     Returns:
         The variance of Eq. 4 in squared truncations plus ``color_weight`` times squared colour units, or, for

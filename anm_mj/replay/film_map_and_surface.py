@@ -21,11 +21,8 @@ ROBOT_RADIUS_M, PERSON_RADIUS_M = 0.18, 0.25
 
 
 class MapPanel:
-    """The top-down map with graph, path and trajectory.
-
-    Args:
-        low_m: South-west corner that is shown.
-        high_m: North-east corner.
+    """The top-down map with graph, path and trajectory. ``low_m`` and ``high_m`` are the south-west and the north-east
+    corner that is shown.
     """
 
     def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"]) -> None:

@@ -26,12 +26,8 @@ def first_seen(
 ) -> Int[np.ndarray, " v"]:
     """Index of the frame that first saw each vertex; a vertex that none saw takes that of its nearest neighbour.
 
-    In a continued run, what none of its frames saw was there from the start.
-
-    Args:
-        run: The run; depth and believed poses are read.
-        vertices_m: World [m].
-        on_progress: Called with frames done and in all.
+    In a continued run, what none of its frames saw was there from the start. Depth and believed poses of the run are
+    read.
 
     Raises:
         RunFolderError: A depth image is missing or damaged.

@@ -30,14 +30,8 @@ def project(points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
 
 
 class ObliqueView:
-    """The picture of a mesh as it grows.
-
-    Args:
-        mesh: The mesh.
-        low_m: Lower left corner of the picture in the projection [m].
-        metres_per_px: Size of a pixel.
-        size_px: Rows and columns.
-        background: Colour where nothing is.
+    """The picture of a mesh as it grows. ``low_m`` is the lower left corner of the picture in the projection,
+    ``size_px`` rows and columns.
     """
 
     def __init__(

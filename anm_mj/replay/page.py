@@ -42,16 +42,9 @@ def replay_page(
     scene: str | None = None,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> str:
-    """The page's HTML.
-
-    Args:
-        timeline: The run.
-        scene: Present name or folder of its scene, if it has moved; needed where no colour images were kept.
-        on_progress: Called with what is done and in all; the unit is a frame, each comes up twice.
-
-    Raises:
-        RunFolderError: A file of the run is damaged.
-        MapError: The run's map cannot be read.
+    """The page's HTML. ``scene`` is the present name or folder of its scene, if it has moved; needed where no colour
+    images were kept. Progress counts every frame twice. Raises RunFolderError if a file of the run is damaged, and
+    MapError if the run's map cannot be read.
     """
     total = 2 * timeline.num_frames
     mesh = growing_mesh(timeline.run, MAX_FACES, lambda done, _: on_progress(done, total))

@@ -22,14 +22,8 @@ def kept_images(run: Run) -> bool:
 
 
 def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"] | None]:
-    """The colour image of each frame, in order; None for all where there is none to be had, which is logged.
-
-    Args:
-        run: The run.
-        scene: Present name or folder of its scene, if it has moved.
-
-    Raises:
-        RunFolderError: A kept image is damaged.
+    """The colour image of each frame, in order; None for all where there is none to be had, which is logged. ``scene``
+    is the present name or folder of its scene, if it has moved. Raises RunFolderError if a kept image is damaged.
     """
     if kept_images(run):
         for frame in run.frames:

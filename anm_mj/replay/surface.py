@@ -48,13 +48,9 @@ def growing_mesh(
     *,
     with_errors: bool = True,
 ) -> GrowingMesh | None:
-    """The mesh of a run; None where it has none, as a killed run.
-
-    Args:
-        run: The run.
-        max_faces: Vertices are merged until there are at most so many faces; None = as they are.
-        on_progress: Called with frames done and in all.
-        with_errors: Whether the map is asked how certain it is, and the mesh is compared with the true surface.
+    """The mesh of a run; None where it has none, as a killed run. Vertices are merged until there are at most
+    ``max_faces``, None = as they are. ``with_errors``: the map is asked how certain it is, and the mesh is compared
+    with the true surface.
 
     Raises:
         RunFolderError: Mesh, depth or true surface cannot be read.

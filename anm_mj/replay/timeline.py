@@ -78,10 +78,8 @@ class Timeline:
         return np.searchsorted(decided, self.steps, side="right") - 1
 
     def plan(self, index: int) -> PlanRecord:
-        """What a decision was read from; only its target where the run kept no more.
-
-        Raises:
-            RunFolderError: The file of the decision is damaged.
+        """What a decision was read from; only its target where the run kept no more. Raises RunFolderError if the file
+        of the decision is damaged.
         """
         line = self.run.plans[index]
         path = self.run.folder.plan(line["step"])
@@ -108,9 +106,5 @@ class Timeline:
 
 
 def read_timeline(path: Path) -> Timeline:
-    """Open a run folder.
-
-    Raises:
-        RunFolderError: The folder contains no run, or a file in it is damaged.
-    """
+    """Open a run folder. Raises RunFolderError if the folder contains no run, or a file in it is damaged."""
     return Timeline(read_run(path))

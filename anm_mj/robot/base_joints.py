@@ -108,10 +108,8 @@ class PlanarBase:
     """The same access to a holonomic base: the positions of its three joints are its pose."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, prefix: str, joints: tuple[str, ...]):
-        """As :class:`SimulatedBase`, of two slides along the world's x and y, and a hinge about the base's z.
-
-        Raises:
-            RobotError: if a joint is missing.
+        """As :class:`SimulatedBase`, of two slides along the world's x and y, and a hinge about the base's z. Raises
+        RobotError if a joint is missing.
         """
         ids = [element_id(model, _JOINT, prefix + name) for name in joints]
         self._data = data
@@ -155,22 +153,14 @@ class PlanarBase:
 def simulated_base(
     model: mujoco.MjModel, data: mujoco.MjData, prefix: str, robot: RobotDescription
 ) -> SimulatedBase | PlanarBase:
-    """Access to the base of a robot, by what moves it.
-
-    Raises:
-        RobotError: if a joint is missing.
-    """
+    """Access to the base of a robot, by what moves it. Raises RobotError if a joint is missing."""
     if robot.kind == HOLONOMIC:
         return PlanarBase(model, data, prefix, robot.base_joints)
     return SimulatedBase(model, data, prefix, robot)
 
 
 def element_id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
-    """Index of a named element of the simulated robot.
-
-    Raises:
-        RobotError: if there is none.
-    """
+    """Index of a named element of the simulated robot. Raises RobotError if there is none."""
     found = mujoco.mj_name2id(model, kind, name)
     if found < 0:
         what = kind.name.removeprefix("mjOBJ_").lower()

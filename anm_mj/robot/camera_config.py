@@ -31,11 +31,7 @@ class CameraConfig:
     """Rows of the image [px]; 0 = ``image_px``."""
 
     def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            RobotError: a value lies outside of its limits.
-        """
+        """Check the limits. Raises RobotError if a value lies outside of its limits."""
         for name, limits, unit in (("fov_deg", FOV_DEG, "degrees"), ("height_m", HEIGHT_M, "m")):
             value, (low, high) = getattr(self, name), limits
             if value != 0.0 and not low <= value <= high:

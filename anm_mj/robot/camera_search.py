@@ -127,10 +127,8 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
 
 
 def require_field_of_view(fovy_deg: float, camera: str, path: Path) -> None:
-    """Accept a vertical field of view that a pinhole can have [deg].
-
-    Raises:
-        RobotError: it is too narrow or too wide.
+    """Accept a vertical field of view that a pinhole can have [deg]. Raises RobotError if it is too
+    narrow or too wide.
     """
     if not 5.0 <= fovy_deg <= 150.0:
         raise RobotError(
@@ -140,10 +138,8 @@ def require_field_of_view(fovy_deg: float, camera: str, path: Path) -> None:
 
 
 def require_outside(spec: mujoco.MjSpec, camera: str, source: str, path: Path) -> None:
-    """Accept a camera, from the ``file`` or ``mounted`` by the configuration, not deep inside the robot's body.
-
-    Raises:
-        RobotError: a solid geom surrounds it.
+    """Accept a camera, from the ``file`` or ``mounted`` by the configuration, not deep inside the robot's body. Raises
+    RobotError if a solid geom surrounds it.
     """
     probe = spec.copy()
     model = probe.compile()

@@ -42,10 +42,8 @@ def robot_footprint(
 
 
 def require_size(footprint: Footprint, path: Path) -> None:
-    """Accept a robot of the size that buildings are made for.
-
-    Raises:
-        RobotError: it is too large, as in a file in centimetres.
+    """Accept a robot of the size that buildings are made for. Raises RobotError if it is too large, as in a file in
+    centimetres.
     """
     if footprint.radius_m > WIDEST_M or footprint.z_max_m > HIGHEST_M:
         raise RobotError(

@@ -53,14 +53,8 @@ class RobotKinematics(_Kinematics):
     """Camera pose, and the relation between wheel and body motion, of a differential-drive base."""
 
     def __init__(self, mjcf_path: Path):
-        """Read the model.
-
-        Args:
-            mjcf_path: a robot or a reduced model, with a free joint "base", hinges "wheel_left" and "wheel_right", and
-                a site "camera".
-
-        Raises:
-            RobotError: if the file cannot be read, or is not such a robot.
+        """Read the model. ``mjcf_path`` is a robot or a reduced model, with a free joint "base", hinges "wheel_left"
+        and "wheel_right", and a site "camera". Raises RobotError if the file cannot be read, or is not such a robot.
         """
         try:
             self._model = pin.buildModelFromMJCF(str(mjcf_path))
@@ -79,10 +73,8 @@ class RobotKinematics(_Kinematics):
 
     @classmethod
     def of(cls, robot: RobotDescription) -> RobotKinematics:
-        """The kinematics of any robot, from its reduced model.
-
-        Raises:
-            RobotError: if the figures of pinocchio and MuJoCo differ.
+        """The kinematics of any robot, from its reduced model. Raises RobotError if the figures of pinocchio and MuJoCo
+        differ.
         """
         with tempfile.TemporaryDirectory() as folder:
             # pinocchio reads MJCF from files only.
@@ -154,11 +146,7 @@ Kinematics = RobotKinematics | PlanarKinematics
 
 
 def kinematics_of(robot: RobotDescription) -> Kinematics:
-    """The kinematics of a robot, by what moves it.
-
-    Raises:
-        RobotError: if the figures of pinocchio and MuJoCo differ.
-    """
+    """The kinematics of a robot, by what moves it. Raises RobotError if the figures of pinocchio and MuJoCo differ."""
     return PlanarKinematics(robot.T_base_camera) if robot.kind == HOLONOMIC else RobotKinematics.of(robot)
 
 

@@ -55,11 +55,7 @@ class RobotConfig:
     rotation and affects wheel odometry only. 0.02 causes about 2 degrees of drift in a hundred actions."""
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            RobotError: a value is out of range, or two exclude each other.
-        """
+        """Check the values. Raises RobotError if a value is out of range, or two exclude each other."""
         if not 0.0 <= self.wheel_noise <= 0.5:
             raise RobotError(f"model.wheel_noise is {self.wheel_noise}; it must lie within 0 and 0.5.")
         if not 0.5 <= self.track_scale <= 5.0:
@@ -72,10 +68,8 @@ class RobotConfig:
 
     @property
     def mounted_camera(self) -> CameraPose | None:
-        """The camera that ``camera_pose`` describes; None = one of the file.
-
-        Raises:
-            RobotError: it is not five numbers in their ranges.
+        """The camera that ``camera_pose`` describes; None = one of the file. Raises RobotError if it is not five
+        numbers in their ranges.
         """
         if not self.camera_pose:
             return None

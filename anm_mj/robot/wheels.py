@@ -58,10 +58,8 @@ def free_endless_hinges(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
 def read_wheels(
     model: mujoco.MjModel, data: mujoco.MjData, left: tuple[str, ...], right: tuple[str, ...], path: Path
 ) -> tuple[list[Wheel], list[Wheel]]:
-    """The left and the right wheels of a robot at the positions in ``data``.
-
-    Raises:
-        RobotError: if a wheel has no geom, its hinge has a range, or the radii differ.
+    """The left and the right wheels of a robot at the positions in ``data``. Raises RobotError if a wheel has no geom,
+    its hinge has a range, or the radii differ.
     """
     lefts, rights = ([_wheel(model, data, joint, path) for joint in joints] for joints in (left, right))
     radii = [wheel.radius_m for wheel in (*lefts, *rights)]

@@ -23,16 +23,9 @@ _logger = logging.getLogger(__name__)
 
 
 def play(path: Path, node: Node, *, rate: float = 1.0, until: Callable[[], bool] = lambda: False) -> int:
-    """Publish all messages of a ROS 2 bag on their topics, as they were serialised; how many.
-
-    Args:
-        path: the bag.
-        node: speaks; topics stay whole names.
-        rate: recorded seconds per second.
-        until: whether to end before.
-
-    Raises:
-        RunFolderError: it is no bag of ROS 2, or cannot be read.
+    """Publish all messages of a ROS 2 bag on their topics, as they were serialised; how many. ``rate`` are recorded
+    seconds per second; ``until`` says whether to end before. Raises RunFolderError if it is no bag of ROS 2, or cannot
+    be read.
     """
     from rosbags.highlevel import AnyReader
 

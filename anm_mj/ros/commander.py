@@ -31,13 +31,8 @@ class Commander:
     """A thread that sends velocities. Close it, or use it in a ``with`` statement: the robot is stopped then."""
 
     def __init__(self, node: Node, config: RosConfig, health: Health, *, dry: bool = False) -> None:
-        """Begin with a robot at rest.
-
-        Args:
-            node: sends.
-            config: topic and limits.
-            health: nothing is driven while it knows of a fault.
-            dry: whether nothing is sent at all.
+        """Begin with a robot at rest. Nothing is driven while ``health`` knows of a fault, and nothing sent at all if
+        it is ``dry``.
         """
         self._node, self._config, self._health, self.dry = node, config, health, dry
         kind = TWIST_STAMPED if config.stamped else TWIST
@@ -57,11 +52,8 @@ class Commander:
         self._thread.start()
 
     def drive(self, twist: Twist, reach_m: float = math.inf) -> None:
-        """Drive at a velocity until told otherwise, as far as limits, faults and obstacles allow.
-
-        Args:
-            twist: the velocity.
-            reach_m: the robot will be told to stop within this distance [m]; what lies beyond is not in its way.
+        """Drive at a velocity until told otherwise, as far as limits, faults and obstacles allow. It will be told to
+        stop within ``reach_m``; what lies beyond is not in its way.
         """
         self._wanted, self._reach_m = twist, reach_m
         self._active_until_s = time.monotonic() + _AFTER_S

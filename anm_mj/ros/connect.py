@@ -40,11 +40,8 @@ class Connection:
 
 @contextmanager
 def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connection]:
-    """A robot that sends images and poses which fit together; it is stopped at the end.
-
-    Args:
-        config: its topics and limits.
-        is_over: whether the user wants an end.
+    """A robot that sends images and poses which fit together; it is stopped at the end. ``is_over``: whether the user
+    wants an end.
 
     Raises:
         RobotError: a topic is missing, ambiguous or silent within ``ros.wait_s``.
@@ -97,10 +94,8 @@ def _navigation(node: Node, config: DriveConfig, end: float, is_over: Callable[[
 
 
 def _topics(node: Node, config: DriveConfig, end: float, is_over: Callable[[], bool]) -> dict[str, tuple[str, str]]:
-    """Name and type of the topics of ``colour``, ``depth``, ``camera`` and ``odometry``.
-
-    Raises:
-        RobotError: there is none, or several, of a role.
+    """Name and type of the topics of ``colour``, ``depth``, ``camera`` and ``odometry``. Raises RobotError if there is
+    none, or several, of a role.
     """
     ros, settled = config.ros, time.monotonic() + _SETTLE_S
     while True:

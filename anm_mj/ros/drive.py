@@ -74,12 +74,7 @@ def go_on(
     path: Path, *, waits: bool = False, is_over: Callable[[], bool] = lambda: False, observers: Sequence[Observer] = ()
 ) -> tuple[RunFolder, Metrics]:
     """Go on with a run on a live robot that was killed or interrupted, as long as its odometry went on meanwhile.
-
-    Args:
-        path: its folder.
-        waits: see :func:`drive`.
-        is_over: see :func:`drive`.
-        observers: see :func:`drive`.
+    ``path`` is its folder; the other arguments are those of :func:`drive`.
 
     Raises:
         CheckpointError: see :func:`anm_mj.resume.resume`.

@@ -30,13 +30,8 @@ class GoalDriver:
     """One goal for each plan; an action ends once the robot has moved by as much, and the robot drives on."""
 
     def __init__(self, navigation: Navigation, poses: Poses, health: Health, state: LoopState) -> None:
-        """Combine the parts.
-
-        Args:
-            navigation: drives.
-            poses: tell how far the robot has come.
-            health: the robot is stopped while it knows of a fault.
-            state: of the loop, whose plan names the target.
+        """Combine the parts. The robot is stopped while ``health`` knows of a fault; the plan of the loop's ``state``
+        names the target.
         """
         self._navigation, self._poses, self._health, self._state = navigation, poses, health, state
         self._serves: object = None

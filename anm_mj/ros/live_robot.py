@@ -93,10 +93,8 @@ class LiveRobot:
         return self._config.ros.footprint
 
     def observe(self) -> Observation:
-        """The first view since the robot came to rest.
-
-        Raises:
-            RobotError: nothing came before the run was to end, or the first view contradicts the frames.
+        """The first view since the robot came to rest. Raises RobotError if nothing came before the run was to end, or
+        the first view contradicts the frames.
         """
         while True:
             # A clock that was set back makes the time of rest one to come.

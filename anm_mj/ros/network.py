@@ -29,10 +29,8 @@ _LOCALHOST = """
 
 
 def domain_id(environment: Mapping[str, str] = os.environ) -> int:
-    """The number of the domain by ``ROS_DOMAIN_ID``, 0 without it.
-
-    Raises:
-        ConfigError: it is no number of a domain.
+    """The number of the domain by ``ROS_DOMAIN_ID``, 0 without it. Raises ConfigError if it is no
+    number of a domain.
     """
     text = environment.get("ROS_DOMAIN_ID", "").strip() or "0"
     if not (text.isdecimal() and int(text) <= MOST_DOMAINS):

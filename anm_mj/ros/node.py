@@ -128,10 +128,8 @@ class Node:
         self._thread.start()
 
     def name(self, topic: str) -> str:
-        """The whole name of a topic; one that begins with '/' is whole already.
-
-        Raises:
-            ConfigError: it is no name of ROS 2.
+        """The whole name of a topic; one that begins with '/' is whole already. Raises ConfigError if it is no name of
+        ROS 2.
         """
         require_name(topic)
         below = f"/{self._namespace}" if self._namespace else ""
@@ -144,13 +142,8 @@ class Node:
         return Publisher(writer, self.messages, name)
 
     def subscribe(self, topic: str, kind: str, heard: Heard, delivery: Delivery = SENSOR) -> None:
-        """Hear the messages of a topic.
-
-        Args:
-            topic: its name.
-            kind: its type.
-            heard: called with each message.
-            delivery: what is asked of publishers.
+        """Hear the messages of a topic. ``heard`` is called with each message; ``delivery`` is what is asked of
+        publishers.
         """
         self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
 

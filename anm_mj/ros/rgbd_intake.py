@@ -186,14 +186,8 @@ def free_way_m(
     half_width_m: float,
     heights_m: tuple[float, float],
 ) -> float:
-    """How far ahead of its axis a robot's way is free, by raw depth [m]; +inf where nothing is seen in it.
-
-    Args:
-        depth_m: planar depth [m].
-        camera: its camera.
-        T_base_camera: camera to base.
-        half_width_m: of the way [m].
-        heights_m: lower and upper end of what meets the robot [m].
+    """How far ahead of its axis a robot's way is free, by raw depth [m]; +inf where nothing is seen in it. Depth is
+    planar; ``half_width_m`` is that of the way, ``heights_m`` are the lower and the upper end of what meets the robot.
     """
     every = max(1, round(math.sqrt(depth_m.size / _POINTS)))
     depth = depth_m[::every, ::every].astype(float)

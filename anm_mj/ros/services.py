@@ -89,14 +89,7 @@ class Client:
 
 
 def serve(node: Node, service: str, kind: ServiceKind, called: Callable[[Any, Answer], object]) -> None:
-    """Offer a service.
-
-    Args:
-        node: hears and speaks.
-        service: its name.
-        kind: its type.
-        called: gets each request, and what sends the reply, at once or later.
-    """
+    """Offer a service. ``called`` gets each request, and what sends the reply, at once or later."""
     request_kind, reply_kind = kind.register(node.messages.store)
     answers = _answers(node, service, reply_kind)
     node.raw_subscribe(

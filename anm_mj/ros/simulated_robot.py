@@ -79,16 +79,9 @@ class SimulatedRosRobot:
     """
 
     def __init__(self, robot: SimRobot, node: Node, *, image_hz: float = 10.0, rate: float = 1.0) -> None:
-        """Announce all topics.
-
-        Args:
-            robot: knows its pose by odometry alone, from zero on.
-            node: speaks for it.
-            image_hz: pairs of colour and depth per simulated second.
-            rate: simulated seconds per second.
-
-        Raises:
-            ConfigError: a rate is out of range.
+        """Announce all topics. ``robot`` knows its pose by odometry alone, from zero on; ``image_hz`` are pairs of
+        colour and depth per simulated second, ``rate`` simulated seconds per second. Raises ConfigError if a rate is
+        out of range.
         """
         for name, value, (low, high) in (("--image-hz", image_hz, _HZ), ("--rate", rate, _RATE)):
             if not low <= value <= high:

@@ -12,15 +12,9 @@ STEPS_PER_M2, BASE_STEPS = 10, 200
 
 
 def default_steps(scene: Scene, budget: str = "scene") -> int:
-    """Steps by the floor that the default robot reaches, in hundreds, or by another rule.
-
-    Args:
-        scene: Where.
-        budget: ``scene``: what the scene names, or else by floor; ``area``: by floor; ``rooms``: the paper's, by the
-            number of rooms.
-
-    Raises:
-        SceneError: the scene has no floor that the robot reaches.
+    """Steps by the floor that the default robot reaches, in hundreds, or by another rule. ``budget`` is ``scene`` (what
+    the scene names, or else by floor), ``area`` (by floor) or ``rooms`` (the paper's, by the number of rooms). Raises
+    SceneError if the scene has no floor that the robot reaches.
     """
     if budget == "rooms":
         rooms = scene.rooms or 1

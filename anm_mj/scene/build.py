@@ -36,10 +36,8 @@ def build_spec(scene: Scene) -> mujoco.MjSpec:
 
 
 def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
-    """Compile the spec of a scene, including whatever was added to it.
-
-    Raises:
-        SceneError: if an asset is missing or damaged, or what is drawn is not what the scene states.
+    """Compile the spec of a scene, including whatever was added to it. Raises SceneError if an asset is missing or
+    damaged, or what is drawn is not what the scene states.
     """
     try:
         model = compile_spec(spec)

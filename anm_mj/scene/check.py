@@ -49,10 +49,8 @@ class SceneCheck:
 
 
 def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
-    """Check floor, textures, rooms and starts of a scene.
-
-    Raises:
-        SceneError: if the scene's geometry or a texture cannot be read.
+    """Check floor, textures, rooms and starts of a scene. Raises SceneError if the scene's geometry or a texture cannot
+    be read.
     """
     vertices, faces = scene.triangles()
     triangles = vertices[faces]
@@ -129,10 +127,8 @@ def _holes(
 
 
 def disable_backface_culling(scene: Scene) -> bool:
-    """Set ``cull_face = false`` in scene.toml, so that both sides are drawn; False if it is set already.
-
-    Raises:
-        SceneError: if the file cannot be written.
+    """Set ``cull_face = false`` in scene.toml, so that both sides are drawn; False if it is set already. Raises
+    SceneError if the file cannot be written.
     """
     path: Path = scene.folder / TOML
     try:

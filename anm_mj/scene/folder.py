@@ -171,11 +171,7 @@ def _scene_folders(root: Path) -> list[Path]:
 
 
 def read_scene_folder(folder: Path) -> Scene:
-    """The scene in a folder.
-
-    Raises:
-        SceneError: if the folder is missing, is not a scene folder, or lacks a part.
-    """
+    """The scene in a folder. Raises SceneError if the folder is missing, is not a scene folder, or lacks a part."""
     if not os.path.exists(folder):  # Unlike Path.exists, never an error.
         raise SceneError(f"{folder} does not exist: give a scene's name, or the path of a scene folder.")
     if not os.path.isdir(folder):

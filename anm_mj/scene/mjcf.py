@@ -158,11 +158,8 @@ def write_msh(
 
 
 def read_msh(path: Path) -> tuple[Float32[np.ndarray, "v 3"], Float32[np.ndarray, "w 2"], Int32[np.ndarray, "f 3"]]:
-    """Read a file of ``write_msh``: vertices, texture coordinates (v down; none, or one per vertex) and faces.
-
-    Raises:
-        OSError: if the file cannot be read.
-        ValueError: if it is no such file.
+    """Read a file of ``write_msh``: vertices, texture coordinates (v down; none, or one per vertex) and faces. Raises
+    OSError if the file cannot be read, and ValueError if it is no such file.
     """
     data = read_bytes(path, MAX_ARRAY_MIB)
     num_vertices, num_normals, num_uv, num_faces = np.frombuffer(data, dtype="<i4", count=4).tolist()

@@ -195,10 +195,8 @@ def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int
 
 @functools.lru_cache(maxsize=4)
 def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
-    """Where a robot may stand in a scene; computed once per scene and footprint.
-
-    Raises:
-        SceneError: if there is hardly such a place.
+    """Where a robot may stand in a scene; computed once per scene and footprint. Raises SceneError if there is hardly
+    such a place.
     """
     vertices, faces = scene.triangles()
     solid_vertices, solid_faces = scene.obstacles()
@@ -225,10 +223,8 @@ def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:
 
 
 def require_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> None:
-    """Accept a start pose, or raise an error that names the nearest one.
-
-    Raises:
-        SceneError: if the robot does not fit at the pose, or there is no floor below it.
+    """Accept a start pose, or raise an error that names the nearest one. Raises SceneError if the robot does not fit at
+    the pose, or there is no floor below it.
     """
     if is_clear(scene, pose, footprint):
         return

@@ -16,10 +16,8 @@ _ATTEMPTS = 1000
 
 
 def sample_start(scene: Scene, footprint: Footprint, random: np.random.Generator) -> Pose2:
-    """A pose drawn uniformly from the largest connected area of a scene, with a uniform heading.
-
-    Raises:
-        SceneError: if there is hardly a place to stand.
+    """A pose drawn uniformly from the largest connected area of a scene, with a uniform heading. Raises SceneError if
+    there is hardly a place to stand.
     """
     places = scene_area(scene, footprint).places(1)
     for _ in range(_ATTEMPTS):

@@ -177,10 +177,8 @@ def _single(submeshes: list[Submesh]) -> tuple[Float32[np.ndarray, "v 3"], Int32
 
 @contextmanager
 def replaced_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder that takes the place of ``out`` when the block ends well and vanishes when it does not.
-
-    Raises:
-        SceneError: if ``out`` is neither new, empty nor a scene folder, or cannot be written.
+    """A temporary folder that takes the place of ``out`` when the block ends well and vanishes when it does not. Raises
+    SceneError if ``out`` is neither new, empty nor a scene folder, or cannot be written.
     """
     out = Path(os.path.abspath(out))
     check_destination(out)
@@ -208,10 +206,8 @@ def replaced_folder(out: Path) -> Iterator[Path]:
 
 
 def check_destination(out: Path, overwrite: bool = True) -> None:
-    """Accept a folder that is new, empty or a scene folder, before any work is done for it.
-
-    Raises:
-        SceneError: if it is something else, or a scene folder and ``overwrite`` is false.
+    """Accept a folder that is new, empty or a scene folder, before any work is done for it. Raises SceneError if it is
+    something else, or a scene folder and ``overwrite`` is false.
     """
     try:
         if not overwrite and (out / TOML).is_file():

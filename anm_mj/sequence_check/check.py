@@ -93,13 +93,8 @@ class Verdict:
 def check(
     evidence: Evidence, *, depth_unit_m: float, up: str | None = None, start: Correction | None = None
 ) -> Verdict:
-    """Judge a sequence by the frames that were read of it.
-
-    Args:
-        evidence: The frames.
-        depth_unit_m: Metres per unit of its depth images, as stated.
-        up: The axis that is taken to point up; None = that is no question.
-        start: What is corrected already; the verdict's correction includes it.
+    """Judge a sequence by the frames that were read of it. ``up`` is the axis that is taken to point up, None = that is
+    no question; ``start`` is what is corrected already, and included in the verdict's correction.
     """
     judge = Judge(evidence)
     correction, findings = start or Correction(), []

@@ -92,11 +92,8 @@ class Correction:
 
 
 def combined(before: Correction, found: Correction) -> Correction:
-    """One correction for two: what was found in images and times that one before had put right.
-
-    Args:
-        before: Changes no convention, no axes and no up.
-        found: On top of it.
+    """One correction for two: what was found in images and times that one before had put right. ``before`` changes no
+    convention, no axes and no up.
     """
     return replace(
         found,

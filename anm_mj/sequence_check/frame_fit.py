@@ -94,11 +94,8 @@ def misfits(fits: Sequence[FrameFit]) -> list[int]:
 
 
 def jumps(positions_m: Float64[np.ndarray, "n 3"], wrong: Sequence[int]) -> list[int]:
-    """Numbers of the frames whose pose lies much farther from the one before than is usual.
-
-    Args:
-        positions_m: Of the cameras.
-        wrong: Frames that do not fit the map: there a smaller jump is one.
+    """Numbers of the frames whose pose lies much farther from the one before than is usual. Of frames that do not fit
+    the map, ``wrong``, a smaller jump is one.
     """
     steps = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
     moving = steps[steps > _STILL_M]

@@ -42,11 +42,8 @@ class Judge:
         self._index = np.array([view.index for view in evidence.views])
 
     def misfit(self, correction: Correction, *, thin: bool = False) -> Misfit:
-        """Of all pairs, under a correction; its offset of colour and its up axis do not count.
-
-        Args:
-            correction: What is put right first.
-            thin: Whether each pair is looked at one way round only, for a first look.
+        """Of all pairs, under a correction; its offset of colour and its up axis do not count. ``thin``: each pair is
+        looked at one way round only, for a first look.
         """
         pairs = self.evidence.pairs[:: 2 if thin else 1]
         poses = self.view_poses(correction)

@@ -66,12 +66,8 @@ def misfit(
     pairs: Int64[np.ndarray, "d 2"],
     T_b_a: Float64[np.ndarray, "d 4 4"],
 ) -> Misfit:
-    """Hold the points of the first frame of each pair against the surface of the second.
-
-    Args:
-        shown: The frames' surfaces.
-        pairs: Indices of two frames.
-        T_b_a: From the camera of the first to that of the second.
+    """Hold the points of the first frame of each pair against the surface of the second. ``T_b_a`` leads from the
+    camera of the first to that of the second.
     """
     one, other = pairs[:, 0], pairs[:, 1]
     camera = shown.camera
@@ -116,13 +112,8 @@ def colour_misfit(
     T_a_colour: Float64[np.ndarray, "d 4 4"],
     T_b_colour: Float64[np.ndarray, "d 4 4"],
 ) -> Float64[np.ndarray, " d"]:
-    """Mean cost of colour alone, where colour was taken from other places than depth.
-
-    Args:
-        shown: The frames' surfaces.
-        pairs: Indices of two frames; the points are those of the first one's depth.
-        T_a_colour: From the depth camera of the first frame to the camera of its colour.
-        T_b_colour: From the same to the camera of the second one's colour.
+    """Mean cost of colour alone, where colour was taken from other places than depth. The points are those of the first
+    frame's depth; ``T_a_colour`` and ``T_b_colour`` lead from its depth camera to the cameras of both frames' colours.
     """
     one, other = pairs[:, 0], pairs[:, 1]
     stated = shown.points_m[one]
@@ -137,10 +128,7 @@ def colour_misfit(
 
 def rim_misfit(shown: Surfaces, T_colour: Float64[np.ndarray, "v 4 4"]) -> Float64[np.ndarray, " v"]:
     """Mean cost of steps in depth that are imaged where colour changes little, by view; a half without any step.
-
-    Args:
-        shown: The frames' surfaces.
-        T_colour: From the depth camera of each to the camera of its colour.
+    ``T_colour`` leads from the depth camera of each to the camera of its colour.
     """
     at = project(carry(shown.rim_m, T_colour), shown.camera)
     row, col = _pixel(at.y, shown.camera.height), _pixel(at.x, shown.camera.width)

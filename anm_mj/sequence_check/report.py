@@ -10,12 +10,8 @@ from anm_mj.sequence_check.correction import AXES_NAMES, Correction
 
 
 def options(correction: Correction, sequence: Sequence, given: Correction) -> list[str]:
-    """The options that apply a correction, of those that differ from the given ones.
-
-    Args:
-        correction: To the sequence as its files state it.
-        sequence: As its files state it.
-        given: What the command line says already.
+    """The options that apply a correction, of those that differ from the given ones. ``given`` is what the command line
+    says already.
     """
     words = []
     if correction.convention != given.convention:

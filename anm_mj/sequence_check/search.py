@@ -43,12 +43,7 @@ class Candidate:
 
 
 def candidates(judge: Judge, start: Correction) -> list[Candidate]:
-    """The best of each kind of fault, beside what is corrected already; colour's time is another matter.
-
-    Args:
-        judge: Knows the frames.
-        start: What is corrected already.
-    """
+    """The best of each kind of fault, beside what is corrected already; colour's time is another matter."""
     discrete = {
         "mirrored": [replace(start, mirrored=not start.mirrored)],
         "ray": [replace(start, ray_depth=not start.ray_depth)],

@@ -92,12 +92,8 @@ class Surfaces:
 
 
 def surfaces(images: Images, camera: Intrinsics, *, ray_depth: bool = False) -> Surfaces:
-    """What the views show if this is their camera.
-
-    Args:
-        images: The views.
-        camera: Of the reduced images.
-        ray_depth: Whether depth is the distance along the ray.
+    """What the views show if this is their camera. ``camera`` is that of the reduced images; ``ray_depth``: depth is
+    the distance along the ray.
     """
     frame = np.arange(len(images.points))[:, None]
     row, col = np.moveaxis(images.points, -1, 0)

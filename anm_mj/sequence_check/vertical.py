@@ -31,12 +31,9 @@ _FLOOR_SHARE, _FLOOR_RATIO = 0.05, 2.0
 def other_up(
     poses: Float64[np.ndarray, "n 4 4"], up: str, floor_shares: Callable[[Float64[np.ndarray, "3"]], float]
 ) -> str | None:
-    """The axis that points up, where the way the camera is held refutes the stated one.
-
-    Args:
-        poses: Of the cameras, x right, y down, z forward, in the stated world.
-        up: The axis that is taken to point up: z, -z, y or -y.
-        floor_shares: Share of what is seen that is floor if a direction is up.
+    """The axis that points up, where the way the camera is held refutes the stated one. ``poses`` are those of the
+    cameras (x right, y down, z forward) in the stated world; ``floor_shares`` is the share of what is seen that is
+    floor if a direction is up.
     """
     right, below, ahead = poses[:, :3, :3].mean(axis=0).T
     stated = np.array(_AXES[up])

@@ -32,10 +32,8 @@ class BeforeMapping:
     """Options that ``fix`` stands for, after the call."""
 
     def __call__(self, sequence: Sequence, up: str) -> tuple[Sequence, str]:
-        """The sequence put right, and the axis that points up.
-
-        Raises:
-            ConfigError: A correction of poses was given for a sequence without any.
+        """The sequence put right, and the axis that points up. Raises ConfigError if a correction of poses was given
+        for a sequence without any.
         """
         if not sequence.has_poses:
             wrong = self.given.changes().keys() & {"convention", "axes", "pose_scale", "time_offset_s"}

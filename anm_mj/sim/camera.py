@@ -30,9 +30,7 @@ class Camera(ABC):
 
     def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
         """Look up a perspective camera, given by a vertical field of view (``fovy``); the image's size is in pixels.
-
-        Raises:
-            RenderError: if there is no such camera, or a sensor size defines it.
+        Raises RenderError if there is no such camera, or a sensor size defines it.
         """
         self._model = model
         self._camera_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name)

@@ -166,10 +166,8 @@ def _cache_path(name: str) -> Path:
 
 
 def probe(name: str) -> str:
-    """The GL_RENDERER string of a back-end, after rendering a red box in a process of its own.
-
-    Raises:
-        ProbeError: if that fails.
+    """The GL_RENDERER string of a back-end, after rendering a red box in a process of its own. Raises ProbeError if
+    that fails.
     """
     program = Path(__file__).with_name("gl_probe.py")
     try:

@@ -31,11 +31,7 @@ _RED_BOX = """
 
 
 def main() -> None:
-    """Write the GL_RENDERER string to standard output.
-
-    Raises:
-        RuntimeError: if colour or depth of the box is wrong.
-    """
+    """Write the GL_RENDERER string to standard output. Raises RuntimeError if colour or depth of the box is wrong."""
     model = mujoco.MjModel.from_xml_string(_RED_BOX)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -30,12 +30,8 @@ class MovedRays:
     def hits(
         self, data: mujoco.MjData, T_world_camera: Float[np.ndarray, "4 4"], directions: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, "n 3"]]:
-        """Planar depth of the geoms [m], NaN where a ray passes them by, and their colours from 0 to 255.
-
-        Args:
-            data: body poses are up to date.
-            T_world_camera: camera to world; camera axes x right, y down, z forward.
-            directions: rays in camera axes, scaled to z = 1.
+        """Planar depth of the geoms [m], NaN where a ray passes them by, and their colours from 0 to 255. Body poses of
+        ``data`` are up to date; ``directions`` are rays in camera axes (x right, y down, z forward), scaled to z = 1.
         """
         depth_m, rgb = np.full(len(directions), np.nan, np.float32), np.zeros((len(directions), 3), np.float32)
         near = np.flatnonzero(self._may_hit(data, T_world_camera, directions))

@@ -42,11 +42,8 @@ class EmbreeCamera(_RayCamera):
     kind = "embree"
 
     def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
-        """Build Embree's tree over all visible triangles; takes a second per million.
-
-        Raises:
-            RenderError: if there is no such camera, or a visible geom is not a static mesh.
-            RayCastError: if Embree is not installed.
+        """Build Embree's tree over all visible triangles; takes a second per million. Raises RenderError if there is no
+        such camera, or a visible geom is not a static mesh, and RayCastError if Embree is not installed.
         """
         super().__init__(model, camera_name, width, height)
         geoms = visible_geoms(model)
@@ -100,11 +97,7 @@ class MujocoRayCamera(_RayCamera):
     kind = "mujoco rays"
 
     def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
-        """Compute one colour per geom.
-
-        Raises:
-            RenderError: if there is no such camera.
-        """
+        """Compute one colour per geom. Raises RenderError if there is no such camera."""
         super().__init__(model, camera_name, width, height)
         self._groups = np.array([group in VISIBLE_GROUPS for group in range(mujoco.mjNGROUP)], np.uint8)
         self._colours = 255.0 * mean_colours(model)

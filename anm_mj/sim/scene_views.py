@@ -45,10 +45,8 @@ class SceneViews:
     """Renders a scene from arbitrary poses."""
 
     def __init__(self, scene: Scene, backend: GlBackend):
-        """Compile the scene; ray casting renders where the GL back-end is off.
-
-        Raises:
-            SceneError: if the scene cannot be compiled.
+        """Compile the scene; ray casting renders where the GL back-end is off. Raises SceneError if the scene cannot be
+        compiled.
         """
         self._scene, self._backend = scene, backend
         spec = build_spec(scene)

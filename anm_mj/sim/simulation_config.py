@@ -51,11 +51,8 @@ class SimulationConfig:
     """Who walks through the scene."""
 
     def __post_init__(self) -> None:
-        """Fill in the settings of the named robot, and check the values.
-
-        Raises:
-            ConfigError: a choice is unknown or a number out of range.
-            RobotError: the settings of the named robots cannot be read.
+        """Fill in the settings of the named robot, and check the values. Raises ConfigError if a choice is unknown or a
+        number out of range, and RobotError if the settings of the named robots cannot be read.
         """
         if self.model is None:
             from anm_mj.robot.robot_presets import preset_config  # Names alone should not cost the import of numpy.
@@ -81,11 +78,7 @@ class SimulationConfig:
 
 
 def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Check that a setting is one of its choices.
-
-    Raises:
-        ConfigError: it is not.
-    """
+    """Check that a setting is one of its choices. Raises ConfigError if it is not."""
     if value not in choices:
         raise ConfigError(
             f"There is no {name} '{value}'{close_name(value, choices)}; choose one of {', '.join(choices)}."

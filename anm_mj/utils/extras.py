@@ -21,9 +21,6 @@ EXTRAS = {
 def missing_package(error: ModuleNotFoundError) -> str | None:
     """What to say where a package is not installed: one sentence with the command that installs it.
 
-    Args:
-        error: The failed import.
-
     Returns:
         The sentence; None where the module belongs to no extra.
     """

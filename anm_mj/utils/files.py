@@ -52,10 +52,8 @@ def removed_on_error(path: Path) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, in UTF-8 and with line feeds as they are.
-
-    Raises:
-        OSError: The file cannot be written.
+    """Write a text file whole or not at all, in UTF-8 and with line feeds as they are. Raises OSError if the file
+    cannot be written.
     """
     with atomic_write(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
@@ -63,9 +61,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str]) -> None:
     """Write a safetensors file of arrays in C order, from the memory that they lie in, and the texts of its header.
-
-    Raises:
-        OSError: it cannot be written.
+    Raises OSError if it cannot be written.
     """
     from safetensors import SafetensorError
     from safetensors.numpy import save_file

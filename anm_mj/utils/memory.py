@@ -29,10 +29,8 @@ def malloc_trim() -> None:
 def forget_content(array: np.ndarray) -> None:
     """Return the memory of an array that nobody reads any more, though something else still owns it.
 
-    All but its first and last page read as zeros afterwards; does nothing on other systems than Linux.
-
-    Args:
-        array: contiguous, in private memory.
+    All but its first and last page read as zeros afterwards; does nothing on other systems than Linux. It is
+    contiguous, in private memory.
     """
     page = mmap.PAGESIZE
     first = -(-array.ctypes.data // page) * page

@@ -33,11 +33,9 @@ EpsImagePlugin.gs_binary = False
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a picture file; it is decoded when its pixels are asked for.
-
-    Raises:
-        OSError: The file cannot be read, is no picture, or of another format than ``FORMATS``.
-        ValueError: It has more than ``MAX_MEGAPIXELS``, or its pixels cannot be decoded.
+    """Open a picture file; it is decoded when its pixels are asked for. Raises OSError if the file cannot be read, is
+    no picture, or of another format than ``FORMATS``, and ValueError if it has more than ``MAX_MEGAPIXELS``, or its
+    pixels cannot be decoded.
     """
     with open_regular(path) as file, read_picture(file) as image:
         yield image

@@ -20,11 +20,7 @@ def embree_installed() -> bool:
 
 
 class RayCaster:
-    """A triangle mesh to cast rays against; both sides of a triangle stop a ray.
-
-    Args:
-        vertices_m: World [m].
-        faces: Vertex indices.
+    """A triangle mesh to cast rays against; both sides of a triangle stop a ray. Vertices are in the world [m].
 
     Raises:
         RayCastError: Embree is not installed.

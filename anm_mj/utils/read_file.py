@@ -28,10 +28,8 @@ MAX_ARRAY_MIB = 1024
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a regular file to read; a FIFO, a device or a folder is refused without waiting for it.
-
-    Raises:
-        OSError: The file cannot be opened, or is no regular file.
+    """Open a regular file to read; a FIFO, a device or a folder is refused without waiting for it. Raises OSError if
+    the file cannot be opened, or is no regular file.
     """
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -51,11 +49,8 @@ def is_below(path: Path, folder: Path) -> bool:
 
 
 def read_bytes(path: Path, max_mib: float = MAX_TEXT_MIB) -> bytes:
-    """Content of a regular file.
-
-    Raises:
-        OSError: The file cannot be read, or is no regular file.
-        ValueError: It is larger than ``max_mib`` [MiB].
+    """Content of a regular file. Raises OSError if the file cannot be read, or is no regular file, and ValueError if it
+    is larger than ``max_mib`` [MiB].
     """
     with open_regular(path) as file:
         size_mib = os.fstat(file.fileno()).st_size / 2**20
@@ -131,10 +126,8 @@ def convert(value: Any, type_: Any) -> Any:
 
 def read_npz(path: Path, max_mib: float = MAX_ARRAY_MIB) -> dict[str, np.ndarray]:
     """The arrays of an ``.npz`` file; their sizes are checked before anything is unpacked, and objects are refused.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no such file, damaged, or its arrays are larger than ``max_mib`` together [MiB].
+    Raises OSError if the file cannot be read, and ValueError if it is no such file, damaged, or its arrays are larger
+    than ``max_mib`` together [MiB].
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -154,11 +147,8 @@ def read_npz(path: Path, max_mib: float = MAX_ARRAY_MIB) -> dict[str, np.ndarray
 
 
 def read_npy(path: Path, max_mib: float = MAX_ARRAY_MIB) -> np.ndarray:
-    """The array of an ``.npy`` file; its size is checked before memory is taken, and objects are refused.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no such file, damaged, or larger than ``max_mib`` [MiB].
+    """The array of an ``.npy`` file; its size is checked before memory is taken, and objects are refused. Raises
+    OSError if the file cannot be read, and ValueError if it is no such file, damaged, or larger than ``max_mib`` [MiB].
     """
     with open_regular(path) as file:
         try:
@@ -177,11 +167,8 @@ def read_npy(path: Path, max_mib: float = MAX_ARRAY_MIB) -> np.ndarray:
 
 
 def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Metadata and arrays of a safetensors file.
-
-    Raises:
-        OSError: The file cannot be read, or is no regular file.
-        ValueError: It is no such file, or damaged.
+    """Metadata and arrays of a safetensors file. Raises OSError if the file cannot be read, or is no regular file, and
+    ValueError if it is no such file, or damaged.
     """
     from safetensors import SafetensorError, safe_open
 
@@ -197,16 +184,9 @@ def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 
 
 def array_of(arrays: dict[str, np.ndarray], name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
-    """An array of a file, if it is what it should be.
-
-    Args:
-        arrays: Those of the file.
-        name: Of the array.
-        kinds: Kinds of its numbers, such as ``"f"`` or ``"iu"``; they must be finite.
-        shape: Its axes; None = any length.
-
-    Raises:
-        ValueError: It is missing, or something else.
+    """An array of a file, if it is what it should be. ``kinds`` are those of its numbers, such as ``"f"`` or ``"iu"``,
+    which must be finite; an axis of ``shape`` that is None may have any length. Raises ValueError if it is missing, or
+    something else.
     """
     array = arrays.get(name)
     if array is None:

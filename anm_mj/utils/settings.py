@@ -69,10 +69,8 @@ def setting(
 
 
 def of_type(config: type, name: str, value: Any) -> Any:
-    """A value of JSON as the type that a field of a configuration declares; lists become tuples.
-
-    Raises:
-        ValueError: it is of another type.
+    """A value of JSON as the type that a field of a configuration declares; lists become tuples. Raises ValueError if
+    it is of another type.
     """
     from anm_mj.utils.read_file import convert  # Settings alone should not cost the import of numpy.
 
@@ -91,12 +89,8 @@ def _hints(config: type) -> dict[str, Any]:
 
 
 def check_settings(config: Any, group: str, error: type[Exception]) -> None:
-    """Check every field of a configuration against its limits.
-
-    Args:
-        config: a dataclass of numbers, booleans and texts.
-        group: what precedes a field's name in messages, such as ``planning``.
-        error: raised with a message that names the setting, its value and what it must be.
+    """Check every field of a configuration against its limits. ``group`` precedes a field's name in the message, which
+    names the setting, its value and what it must be.
     """
     for entry in fields(config):
         value, limits = getattr(config, entry.name), entry.metadata.get(_LIMITS, _Limits())

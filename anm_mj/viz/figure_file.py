@@ -50,12 +50,8 @@ def fit_ratio(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
-    """Write a figure once per kind, beside each other, each file whole or not at all.
-
-    Args:
-        figure: What to write; its resolution counts for the PNG.
-        path: The file; its ending is replaced by the kind.
-        kinds: ``png``, ``pdf``, ``svg``.
+    """Write a figure once per kind, beside each other, each file whole or not at all. Its resolution counts for the
+    PNG; the ending of ``path`` is replaced by the kind, ``png``, ``pdf`` or ``svg``.
 
     Returns:
         The files.
@@ -70,11 +66,7 @@ def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE,)) -
 
 
 def write_figure(figure: Figure, path: Path, kind: str) -> None:
-    """Write a figure as one kind, whatever the file's ending.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write a figure as one kind, whatever the file's ending. Raises OSError if the file cannot be written."""
     with atomic_write(path) as partial, matplotlib.rc_context(STYLE):
         FigureCanvasAgg(figure).print_figure(
             partial, format=kind, bbox_inches="tight", pad_inches=0.1, metadata=METADATA[kind]

@@ -20,14 +20,8 @@ HOSTS = (ADDRESS, "localhost")
 
 
 class FileServer:
-    """A thread that answers every request for ``/`` with the same page.
-
-    Args:
-        page: The page.
-        first_port: The first port to try; 0 = any.
-
-    Raises:
-        RenderError: No port is free.
+    """A thread that answers every request for ``/`` with the same page. ``first_port`` 0 = any. Raises RenderError if
+    no port is free.
     """
 
     def __init__(self, page: bytes, first_port: int = FIRST_PORT) -> None:
@@ -82,14 +76,8 @@ def _handler(page: bytes) -> type[BaseHTTPRequestHandler]:
 
 
 def first_free(first_port: int, listen: Callable[[int], T]) -> T:
-    """What listens on the first port that is free.
-
-    Args:
-        first_port: The first port to try.
-        listen: Listens on a port of ``ADDRESS``; raises OSError where it is taken.
-
-    Raises:
-        RenderError: None of ``PORTS_TRIED`` ports is free.
+    """What listens on the first port that is free. ``listen`` listens on a port of ``ADDRESS``, and raises OSError
+    where it is taken. Raises RenderError if none of ``PORTS_TRIED`` ports is free.
     """
     for port in range(first_port, first_port + PORTS_TRIED):
         try:

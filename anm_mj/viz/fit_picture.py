@@ -13,13 +13,9 @@ from anm_mj.viz.figure_file import PICTURE, save_figure
 def draw_fit(
     path: Path, fitting: Sequence[float | None], residual_m: Sequence[float | None], misfits: Sequence[int]
 ) -> None:
-    """Draw share of fitting points and residual over the frames.
-
-    Args:
-        path: The file.
-        fitting: Share of the known points that the map confirms, by frame; None where it knows too little.
-        residual_m: Median distance of those from the surface [m].
-        misfits: Frames that do not fit.
+    """Draw share of fitting points and residual over the frames. ``fitting`` is the share of the known points that the
+    map confirms, None where it knows too little, ``residual_m`` their median distance from the surface; ``misfits`` are
+    frames that do not fit.
     """
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)

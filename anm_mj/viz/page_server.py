@@ -50,15 +50,9 @@ Key = tuple[str, str]
 
 
 class PageServer:
-    """A web page with a 3D scene that this process controls.
-
-    Args:
-        first_port: The first port to try; the server takes the next free one.
-        page: The page's HTML; the files of meshcat's bundle lie beside it.
-        on_word: Called with what a page sends, in the server's thread.
-
-    Raises:
-        RenderError: No port is free.
+    """A web page with a 3D scene that this process controls. It takes ``first_port`` or the next free one. The files of
+    meshcat's bundle lie beside the page; ``on_word`` is called with what a page sends, in the server's thread. Raises
+    RenderError if no port is free.
     """
 
     def __init__(

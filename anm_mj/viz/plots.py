@@ -48,16 +48,8 @@ def topdown_figure(
     title: str,
     changes: Sequence[SurfaceChange] = (),
 ) -> ShownFigure:
-    """The top-down map with the Voronoi graph, the regions of interest and the trajectory.
-
-    Args:
-        topdown: The map of the last plan.
-        graph: Its Voronoi graph.
-        regions: Its regions of interest.
-        poses: Poses of the robot, one per step.
-        target_xy_m: The last target, world [m].
-        title: Title of the figure.
-        changes: Surface that is gone or new since a prior run.
+    """The top-down map with the Voronoi graph, the regions of interest and the trajectory. There is one pose per step;
+    ``changes`` are surface that is gone or new since a prior run.
     """
     (west, south), (east, north) = _known_corners(topdown)
     long_side = max(east - west, north - south)

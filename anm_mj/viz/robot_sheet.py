@@ -32,20 +32,9 @@ def save_robot_sheet(
     wheel_radius_m: float,
     camera_m: float,
 ) -> None:
-    """Write the picture.
-
-    Args:
-        path: the file.
-        images: from :func:`anm_mj.sim.robot_views.robot_views`.
-        width_m: what each of them shows, from side to side and from top to bottom [m].
-        name: of the robot.
-        footprint: of the robot.
-        track_m: distance of its wheels, 0 without [m].
-        wheel_radius_m: 0 without [m].
-        camera_m: height of its camera above the floor [m].
-
-    Raises:
-        RunFolderError: the file cannot be written.
+    """Write the picture. The ``images`` of :func:`anm_mj.sim.robot_views.robot_views` show ``width_m`` from side to
+    side and from top to bottom; ``track_m`` and ``wheel_radius_m`` are 0 without wheels; ``camera_m`` is the height of
+    the camera above the floor. Raises RunFolderError if the file cannot be written.
     """
     figure = Figure(figsize=(11.4, 4.6), layout="constrained")
     half, radius, top = width_m / 2.0, footprint.radius_m, footprint.z_max_m

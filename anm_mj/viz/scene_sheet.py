@@ -45,19 +45,9 @@ def write_sheet(
     poses: Sequence[Pose2],
     out: Path,
 ) -> None:
-    """Write a PDF or an SVG where the file's ending says so, else a PNG.
-
-    Args:
-        check: The findings.
-        above: The scene from above, x to the right, y up.
-        above_m: South-west and north-east corner of that picture, world [m].
-        cut_m: Height at which it is cut [m].
-        views: From inside; the first six are shown.
-        poses: Where each view was taken.
-        out: The file.
-
-    Raises:
-        SceneError: The file cannot be written.
+    """Write a PDF or an SVG where the file's ending says so, else a PNG. ``above`` is the scene from above, x to the
+    right, y up, between the corners ``above_m``, cut at ``cut_m``; of the ``views`` from inside, taken at ``poses``,
+    the first six are shown. Raises SceneError if the file cannot be written.
     """
     low, high = check.scene.bounds_m[:, :2]
     width_m, depth_m = high - low + 2.0 * MARGIN_M
@@ -122,13 +112,8 @@ def _title(check: SceneCheck) -> str:
 
 
 def _draw_plan(axes: Axes, check: SceneCheck, taken_m: Float[np.ndarray, "k 2"], apart_m: float) -> None:
-    """Rooms in colour, pale where the robot cannot stand; doors with their widths; starts and holes.
-
-    Args:
-        axes: Where to.
-        check: The findings.
-        taken_m: Where no label of a room should stand.
-        apart_m: How far away it should be.
+    """Rooms in colour, pale where the robot cannot stand; doors with their widths; starts and holes. No label of a room
+    should stand nearer than ``apart_m`` to ``taken_m``.
     """
     axes.set_title("rooms with their area, doors with their width [m]", fontsize=10)
     if check.area is None or check.plan is None:

@@ -61,14 +61,8 @@ def discretize(
     roadmap: Roadmap,
     yaw_rad: float,
 ) -> DiscretePath:
-    """The actions that lead along corners.
-
-    Args:
-        start_m: Start place [m].
-        yaw: Start heading; None if it makes no difference.
-        corners_m: Where to go [m]; the segment to each from the one before is clear.
-        roadmap: Clearance of places.
-        yaw_rad: Yaw of heading 0.
+    """The actions that lead along corners. The segment to each corner from the one before is clear. Heading 0 is
+    ``yaw_rad``; ``yaw`` None = the start heading makes no difference.
     """
     yaws, moves = list[int](), list[int]()
     at = start_m

@@ -56,10 +56,8 @@ class Oracle:
     REBUILT = ("_scene", "_planner", "_coverage", "_trajectories")
 
     def __init__(self, context: PolicyContext[OracleConfig]) -> None:
-        """Take the scene's truth in.
-
-        Raises:
-            PlanError: The truth or the observable part of the surface is not known, or a folder holds no run.
+        """Take the scene's truth in. Raises PlanError if the truth or the observable part of the surface is not known,
+        or a folder holds no run.
         """
         if not isinstance(context.truth, SceneTruth):
             raise PlanError("This policy needs the true scene, and the context does not hold it.")

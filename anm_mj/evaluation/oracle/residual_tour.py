@@ -39,13 +39,7 @@ _Pairs = tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]
 def select_places(
     samples: Float32[np.ndarray, "n 3"], area: ReachableArea, rays: PixelRays
 ) -> Float[np.ndarray, "k 2"]:
-    """Few places that show samples, those that show the most first [m].
-
-    Args:
-        samples: On the surface, world [m].
-        area: Where the robot can get to.
-        rays: Its camera.
-    """
+    """Few places that show samples, those that show the most first [m]. ``samples`` lie on the surface, world [m]."""
     cells = spread_places(area.reachable, max(1, round(SPACING_M / area.resolution_m)), area.clearance_m)
     places_m = area.cell_centres(cells)
     place, sample = _pairs(samples, places_m)
@@ -73,11 +67,7 @@ def exact_bits(
     """The samples that a frame covers by the protocol, for every place and yaw: a bit for each, padded to words.
 
     Unlike :func:`~anm_mj.evaluation.oracle.visibility.frame_bits` it tests every yaw by itself, without tolerance.
-
-    Args:
-        samples: On the surface, world [m].
-        places_m: Places of the robot's axis.
-        rays: The camera.
+    ``samples`` lie on the surface, world [m]; ``places_m`` are places of the robot's axis.
     """
     words = -(-len(samples) // WORD)
     bits = np.zeros((len(places_m), NUM_HEADINGS, words), np.uint64)

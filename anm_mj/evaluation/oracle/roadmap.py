@@ -28,12 +28,8 @@ AVOID_COST = 15.0
 
 
 class Roadmap:
-    """Places in an area and shortest paths between them.
-
-    Args:
-        area: Where the robot's axis can get to.
-        spacing_m: Spacing of places; one stands in every square of this size that holds reachable cells.
-        more_m: Further places; those that no path reaches are left out [m].
+    """Places in an area and shortest paths between them. One stands in every square of ``spacing_m`` that holds
+    reachable cells. Of ``more_m``, those that no path reaches are left out.
     """
 
     def __init__(self, area: ReachableArea, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:

@@ -23,12 +23,8 @@ PATH_RULE = np.array(
 
 
 class Segments:
-    """Turns and paths, made on first use.
-
-    Args:
-        bits: What the frame at every place and yaw covers, a bit for each sample.
-        roadmap: Places and paths between them.
-        yaw_rad: Yaw number 0.
+    """Turns and paths, made on first use. ``bits`` say what the frame at every place and yaw covers, a bit for each
+    sample; yaw number 0 is ``yaw_rad``.
     """
 
     def __init__(self, bits: UInt64[np.ndarray, "p yaws words"], roadmap: Roadmap, yaw_rad: float) -> None:

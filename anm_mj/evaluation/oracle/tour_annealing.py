@@ -78,14 +78,7 @@ class TourCoverage(NamedTuple):
 
 
 class TourAnnealer:
-    """Makes tours better.
-
-    Args:
-        segments: Segments of tours.
-        roadmap: Places and paths between them.
-        task: Start and goal.
-        seed: Of the random changes.
-    """
+    """Makes tours better."""
 
     def __init__(self, segments: Segments, roadmap: Roadmap, task: Task, seed: int) -> None:
         self._segments = segments
@@ -124,13 +117,7 @@ class TourAnnealer:
                 segments.path(place, b)
 
     def anneal(self, stops: list[Stop], rounds: int, hot_steps: float = HOT_STEPS) -> list[Stop]:
-        """Anneal a tour and return the best one met.
-
-        Args:
-            stops: The tour.
-            rounds: Changes tried.
-            hot_steps: Temperature at the start [steps].
-        """
+        """Anneal a tour and return the best one met. ``hot_steps`` is the temperature at the start [steps]."""
         coverage = self.coverage(stops)
         present, now, cover = list(stops), self._cost(coverage), coverage.final
         best, least = present, now
@@ -219,12 +206,8 @@ class TourAnnealer:
         return self._frames_of[sample]
 
     def _cheapest(self, stops: list[Stop], first: list[int], last: list[int] | None = None) -> tuple[int, int]:
-        """Which of several parts lengthens the way of a tour least, and where.
-
-        Args:
-            stops: The tour.
-            first: Where each part begins.
-            last: Where each ends; None = where it begins.
+        """Which of several parts lengthens the way of a tour least, and where. ``first`` and ``last`` are the places
+        where each begins and ends; None = where it begins.
         """
         places = np.array([self._task.place, *(stop[0] for stop in stops)])
         far_m = self._roadmap.distance_m

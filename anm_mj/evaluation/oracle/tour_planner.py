@@ -117,13 +117,7 @@ class TourPlanner:
         self._avoided = list[Float[np.ndarray, "2"]]()
 
     def next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], steps_left: int) -> list[Stop]:
-        """A tour from a pose through the tracked samples that are left; empty if nothing can be gained.
-
-        Args:
-            pose: Where it begins.
-            left: Which of the samples are left.
-            steps_left: The rest of the budget.
-        """
+        """A tour from a pose through the tracked samples that are left; empty if nothing can be gained."""
         self._tours += 1
         self._failures[self._expected[left[self._expected]]] += 1
         stops = self._first_tour(pose, left, steps_left) if self._tours == 1 else []

@@ -33,14 +33,8 @@ def earliest_steps(
     yaw: int,
     spacing_m: float,
 ) -> Int[np.ndarray, "p yaws"]:
-    """A lower bound on the actions to each place and heading.
-
-    Args:
-        area: Where the robot can get to.
-        places_m: The places [m].
-        start_m: Where the robot starts [m].
-        yaw: Its heading there.
-        spacing_m: Spacing of the places; a pose is at most so far from its place in each axis [m].
+    """A lower bound on the actions to each place and heading. ``yaw`` is the heading at the start; a pose is at most
+    ``spacing_m`` from its place in each axis.
     """
     reached = MCP_Geometric(np.where(area.reachable, 1.0, -1.0))
     cells = np.floor((np.concatenate([start_m[None], places_m]) - area.origin_xy_m) / area.resolution_m).astype(int)
@@ -60,12 +54,8 @@ def coverage_bound(
     bits: UInt64[np.ndarray, "p yaws words"], earliest: Int[np.ndarray, "p yaws"], budget: int
 ) -> Int[np.ndarray, " steps"]:
     """Most samples that a tour can have covered after each step, from 0 to the budget; those that no frame covers from
-    the start.
-
-    Args:
-        bits: What the frame at every place and heading covers, a bit for each sample.
-        earliest: A lower bound on the actions to each.
-        budget: Steps that count.
+    the start. ``bits`` say what the frame at every place and heading covers, a bit for each sample; ``earliest`` bounds
+    the actions to each from below.
     """
     order = np.argsort(earliest, axis=None, kind="stable")
     steps = earliest.reshape(-1)[order]

@@ -31,12 +31,8 @@ def frame_bits(
     """The samples that a frame covers, for every place and yaw: a bit for each sample.
 
     A sample counts for a yaw if it lies in the image and the pixel nearest to it covers it when the camera looks
-    towards it. So one ray serves a place and a sample, not one for each yaw.
-
-    Args:
-        samples: On the surface, world [m]; a multiple of 64.
-        places_m: Places of the robot's axis.
-        rays: The camera.
+    towards it. So one ray serves a place and a sample, not one for each yaw. ``samples`` lie on the surface, world [m],
+    a multiple of 64; ``places_m`` are places of the robot's axis.
     """
     bits = np.zeros((len(places_m), NUM_HEADINGS, len(samples) // WORD), np.uint64)
     for place, xy_m in enumerate(places_m.astype(np.float32)):
@@ -86,14 +82,8 @@ def covered_by_rays(
     rays: PixelRays,
     within_m: float,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether one of several rays about each sample hits within a distance of it.
-
-    Args:
-        samples: World [m].
-        places_m: Place of the robot's axis for each sample.
-        towards: Yaw towards each sample.
-        rays: The camera.
-        within_m: The distance [m].
+    """Whether one of several rays about each sample hits within a distance of it. ``places_m`` is the place of the
+    robot's axis for each sample, world [m], ``towards`` the yaw towards it.
     """
     order = np.argsort(np.abs(rays.yaws_aside), kind="stable")
     hit = np.zeros(len(samples), bool)

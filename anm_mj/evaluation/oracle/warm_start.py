@@ -30,13 +30,8 @@ WAYPOINT_M = 1.0
 
 
 def read_trajectories(folders: str) -> list[list[Pose2]]:
-    """The poses after every step of finished runs.
-
-    Args:
-        folders: Run folders, separated as the system separates paths.
-
-    Raises:
-        PlanError: A folder holds no log of steps, or a damaged one.
+    """The poses after every step of finished runs. ``folders`` are separated as the system separates paths. Raises
+    PlanError if a folder holds no log of steps, or a damaged one.
     """
     found = []
     for folder in filter(None, folders.split(os.pathsep)):
@@ -51,13 +46,8 @@ def read_trajectories(folders: str) -> list[list[Pose2]]:
 def stops_along(
     poses: list[Pose2], place_at: Callable[[Pose2], int], yaw_at: Callable[[Pose2], int], budget: int
 ) -> list[Stop]:
-    """The tour that follows a trajectory: its turns on the spot as they were, and the way between them.
-
-    Args:
-        poses: After each step.
-        place_at: The place nearest to a pose.
-        yaw_at: The heading nearest to a pose.
-        budget: Steps that count.
+    """The tour that follows a trajectory: its turns on the spot as they were, and the way between them. ``poses`` are
+    those after each step, of which ``budget`` count.
     """
     stops, turned = list[Stop](), list[tuple[int, int]]()
     stopped_m = poses[0].xy_m if poses else np.zeros(2)

@@ -17,13 +17,7 @@ class Adam:
     """Adam (Kingma and Ba, ICLR 2015) with an L2 penalty, over groups of parameters with rates of their own."""
 
     def __init__(self, config: OptimizerConfig, table: list[torch.Tensor], decoders: list[torch.Tensor]) -> None:
-        """Start with empty moments.
-
-        Args:
-            config: rates, decays and penalty.
-            table: the hash table's planes; no penalty.
-            decoders: the decoders' weights.
-        """
+        """Start with empty moments. The penalty is for the decoders' weights, not for the hash table's planes."""
         self._config = config
         self._groups = [
             (_Group(table), config.table_learning_rate, 0.0),
@@ -69,11 +63,7 @@ class Adam:
 
     @torch.no_grad()
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_state` gave.
-
-        Raises:
-            MapError: A name is missing or has another shape.
-        """
+        """Take over what :meth:`get_state` gave. Raises MapError if a name is missing or has another shape."""
         tensors = self._tensors()
         check_shapes(state, {name: tuple(tensor.shape) for name, tensor in tensors.items()})
         for name, tensor in tensors.items():

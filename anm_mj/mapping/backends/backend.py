@@ -99,11 +99,8 @@ class MapperBackend(ABC):
     def query_perturbed(
         self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
     ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
-        """The SDF s and colours at world points [m] under ``k`` sets of decoder weights, from one encoding.
-
-        Args:
-            points_m: World points [m].
-            decoders: Each row holds all decoder weights, in the order of the parameter layout, C-contiguous.
+        """The SDF s and colours at world points [m] under ``k`` sets of decoder weights, from one encoding. Each row of
+        ``decoders`` holds all decoder weights, in the order of the parameter layout, C-contiguous.
         """
 
     @abstractmethod
@@ -123,10 +120,8 @@ class MapperBackend(ABC):
     def align(
         self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
     ) -> NormalEquations:
-        """Normal equations of a frame's distances to the surface, and of its colours, at a camera pose.
-
-        Raises:
-            MapError: The engine cannot; :attr:`can_align` says so before.
+        """Normal equations of a frame's distances to the surface, and of its colours, at a camera pose. Raises MapError
+        if the engine cannot; :attr:`can_align` says so before.
         """
         raise MapError(f"Engine '{self.name}' cannot localise; use mapping.engine=native.")
 

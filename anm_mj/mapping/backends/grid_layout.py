@@ -58,11 +58,8 @@ def doubled_table(table: Float32[np.ndarray, "entries features"], config: FieldC
     """The table with twice the entries per level that gives every point in the world the features it has now.
 
     An index into the larger table, cut to the bits that the smaller one has, is the index into that: entries that two
-    places share are copied, and from then on each learns for itself.
-
-    Args:
-        table: Entries of all levels, level-major.
-        config: The field that the table belongs to; its ``log2_table_size`` is that before doubling.
+    places share are copied, and from then on each learns for itself. Entries of all levels are level-major;
+    ``log2_table_size`` of ``config`` is that before doubling.
     """
     bits = config.log2_table_size
     index = np.arange(1 << (bits + 1))

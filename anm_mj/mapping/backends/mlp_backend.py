@@ -70,11 +70,7 @@ class MlpBackend(TensorBackend):
     name = "mlp"
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
-        """Start values are drawn from ``seed``.
-
-        Raises:
-            MapError: if the device is unknown or absent.
-        """
+        """Start values are drawn from ``seed``. Raises MapError if the device is unknown or absent."""
         super().__init__(config, device, CPU_CHUNK)
         # Half of the 42 vertices of a subdivided icosahedron: the other half are their opposites.
         sphere = np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices)

@@ -13,14 +13,9 @@ DEVICES = ("auto", "cpu", "cuda")
 
 
 def choose_engine(engine: str, device: str) -> str:
-    """The engine that computes: "native", "torch" or "mlp".
-
-    Args:
-        engine: one of :data:`anm_mj.mapping.mapping_config.ENGINES`; "auto" is torch on the device "cuda", else native.
-        device: "auto", "cpu" or "cuda".
-
-    Raises:
-        MapError: the device is unknown, or the engine cannot run on it.
+    """The engine that computes: "native", "torch" or "mlp". ``engine`` is one of
+    :data:`anm_mj.mapping.mapping_config.ENGINES`; "auto" is torch on the device "cuda", else native. Raises MapError if
+    the device is unknown, or the engine cannot run on it.
     """
     if device not in DEVICES:
         raise MapError(f"The mapping device is {device!r}, but it must be 'auto', 'cpu' or 'cuda'.")
@@ -34,16 +29,9 @@ def choose_engine(engine: str, device: str) -> str:
 def make_backend(
     config: MappingConfig, *, seed: int, device: str = "auto", parameters: Parameters | None = None
 ) -> MapperBackend:
-    """The engine that ``config.engine`` and ``device`` ask for.
-
-    Args:
-        config: The mapping configuration.
-        seed: What the start values are drawn from.
-        device: ``auto``, ``cpu`` or ``cuda``.
-        parameters: To start with; None = the start values.
-
-    Raises:
-        MapError: The device is unknown or absent, or the engine cannot run on it.
+    """The engine that ``config.engine`` and ``device`` ask for. ``parameters`` None = the start values, drawn from
+    ``seed``; ``device`` is ``auto``, ``cpu`` or ``cuda``. Raises MapError if the device is unknown or absent, or the
+    engine cannot run on it.
     """
     name = choose_engine(config.engine, device)
     if name == "native":

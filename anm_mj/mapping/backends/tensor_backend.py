@@ -38,12 +38,8 @@ class TensorBackend(MapperBackend):
     _optimizer: Adam
 
     def __init__(self, config: MappingConfig, device: str, chunk: int | None = None) -> None:
-        """Choose the device.
-
-        Args:
-            config: The mapping configuration.
-            device: "auto", "cpu" or "cuda".
-            chunk: Points per query; None for what suits the device.
+        """Choose the device. ``device`` is "auto", "cpu" or "cuda"; ``chunk`` are points per query, None = what suits
+        the device.
 
         Raises:
             MapError: If the device is unknown or absent.

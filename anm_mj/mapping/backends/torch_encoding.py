@@ -84,9 +84,6 @@ class HashGrid:
     def corners(self, points_m: Float[Tensor, "n 3"]) -> tuple[Int32[Tensor, "8 m"], Float[Tensor, "8 m"]]:
         """Entries and trilinear weights of the eight cell corners about each point, for all levels.
 
-        Args:
-            points_m: World points [m].
-
         Returns:
             Indices into the whole table and weights, with ``m = levels * n``, level-major, so that one level's table
             stays in the cache while it is read.

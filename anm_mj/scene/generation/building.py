@@ -80,11 +80,7 @@ class RoomWall:
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """Rooms and passages on one floor.
-
-    Raises:
-        SceneError: if there is no room, or two rooms have the same name.
-    """
+    """Rooms and passages on one floor. Raises SceneError if there is no room, or two rooms have the same name."""
 
     rooms: tuple[PlanRoom, ...]
     passages: tuple[Passage, ...]

@@ -32,9 +32,7 @@ class BuildingMap:
 
 def generated_map(rooms: int, seed: int, kind: BuildingKind = "apartment", furniture: bool = True) -> BuildingMap:
     """The map of the building that ``generate_scene`` makes of the same arguments, at 5 cm; with or without furniture.
-
-    Raises:
-        SceneError: if an argument is out of its range.
+    Raises SceneError if an argument is out of its range.
     """
     building = plan_building(rooms, seed, kind)
     return building_map(building, furnish(building, seed, furniture=furniture))

@@ -46,11 +46,8 @@ def is_floorplan(src: Path) -> bool:
 
 
 def read_floorplan(src: Path) -> tuple[str, Building, dict[str, Any]]:
-    """Format, building and document of a floor plan.
-
-    Raises:
-        SceneError: if the file cannot be read, is no floor plan of a known format, is damaged, or of no building that
-            can be made.
+    """Format, building and document of a floor plan. Raises SceneError if the file cannot be read, is no floor plan of
+    a known format, is damaged, or of no building that can be made.
     """
     try:
         plan = parse_json(read_bytes(src), parse_constant=_refuse)

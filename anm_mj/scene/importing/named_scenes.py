@@ -87,10 +87,8 @@ def is_name(src: str | Path) -> bool:
 
 
 def find_named(src: str | Path, root: Path | None = None) -> NamedSource:
-    """The scene of a name, below ``root`` or in the folder that the data set's environment variable names.
-
-    Raises:
-        SceneError: if it is not on the disk and its package cannot fetch it.
+    """The scene of a name, below ``root`` or in the folder that the data set's environment variable names. Raises
+    SceneError if it is not on the disk and its package cannot fetch it.
     """
     prefix, _, name = str(src).partition(":")
     data, name = _SETS[prefix], name.strip("/")

@@ -67,10 +67,8 @@ class Placed:
 
 
 def place(parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | None, choice: Choice) -> Placed:
-    """A parsed source in the world as the scene ``name``, and how axes and units were found.
-
-    Raises:
-        SceneError: if the source holds no triangles, is too large, or does not hold what is wanted.
+    """A parsed source in the world as the scene ``name``, and how axes and units were found. Raises SceneError if the
+    source holds no triangles, is too large, or does not hold what is wanted.
     """
     parsed = chosen(parsed, choice.only, choice.leave_out)
     if not any(len(submesh.faces) for submesh in parsed.submeshes):

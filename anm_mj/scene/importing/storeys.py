@@ -81,10 +81,8 @@ def _top_below(triangles_m: Float[np.ndarray, "f 3 3"], floor_m: float) -> float
 
 
 def pick_storey(storeys: Sequence[Storey], wanted: str) -> Storey:
-    """The storey of a number, from 1 at the bottom, or with its floor at a height, such as "3.2" or "3m".
-
-    Raises:
-        SceneError: if there is no such storey.
+    """The storey of a number, from 1 at the bottom, or with its floor at a height, such as "3.2" or "3m". Raises
+    SceneError if there is no such storey.
     """
     heights = ", ".join(f"{number} at {storey.floor_m:.2f} m" for number, storey in enumerate(storeys, 1)) or "none"
     if re.fullmatch(r"\d{1,9}", wanted.strip()):

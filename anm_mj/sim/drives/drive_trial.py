@@ -41,10 +41,8 @@ class DriveTrial:
 
 
 def drive_over_a_floor(robot: RobotDescription) -> DriveTrial:
-    """Drive 8 steps forward and 9 turns to the left in the physics drive; takes about a second.
-
-    Raises:
-        RobotError: the robot cannot be put on a floor.
+    """Drive 8 steps forward and 9 turns to the left in the physics drive; takes about a second. Raises RobotError if
+    the robot cannot be put on a floor.
     """
     spec = mujoco.MjSpec.from_string(_FLOOR)
     spec.attach(robot.spec.copy(), prefix="robot/", frame=spec.worldbody.add_frame())

@@ -41,10 +41,8 @@ class KinematicDrive(WheelDrive):
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
-        """Arguments are those of :class:`WheelDrive`; ``clearance`` is that of the footprint in the scene.
-
-        Raises:
-            RobotError: if the model lacks a joint of the robot.
+        """Arguments are those of :class:`WheelDrive`; ``clearance`` is that of the footprint in the scene. Raises
+        RobotError if the model lacks a joint of the robot.
         """
         # The limits only set the simulated time.
         super().__init__(model, data, description, MotionLimits(), odometer, prefix, period_s=_LOOK_PERIOD_S)
@@ -89,10 +87,8 @@ class KinematicDrive(WheelDrive):
         return base.pose
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
-        """Roll at a constant velocity for a time [s], all of it or nothing.
-
-        Raises:
-            RobotError: if the duration is not positive, or the velocity not finite.
+        """Roll at a constant velocity for a time [s], all of it or nothing. Raises RobotError if the duration is not
+        positive, or the velocity not finite.
         """
         require_motion(twist, duration_s)
         forward_m, turn_rad = twist.forward_mps * duration_s, twist.turn_radps * duration_s

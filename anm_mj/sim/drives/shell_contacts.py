@@ -18,11 +18,7 @@ class ShellContacts:
     """The contacts between a robot's shell and everything else."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, shell: list[str]):
-        """Look the shell's geoms up by name.
-
-        Raises:
-            RobotError: if a geom is missing.
-        """
+        """Look the shell's geoms up by name. Raises RobotError if a geom is missing."""
         self._data = data
         self._is_shell = np.zeros(model.ngeom, dtype=bool)
         self._is_shell[[element_id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in shell]] = True

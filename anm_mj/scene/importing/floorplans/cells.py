@@ -56,9 +56,7 @@ def grid_axes(
     bounds_m: Float64[np.ndarray, "4"], cell_m: float
 ) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, " cols"], Float64[np.ndarray, " rows"]]:
     """Outer corner, and x and y of the cells' centres, of a grid over x_min, y_min, x_max, y_max and a margin [m].
-
-    Raises:
-        ValueError: if the bounds are no building's.
+    Raises ValueError if the bounds are no building's.
     """
     low, high = bounds_m[:2], bounds_m[2:]
     if not np.isfinite(bounds_m).all() or (high - low).max() > _MAX_EXTENT_M:

@@ -30,11 +30,7 @@ def is_houseexpo(plan: Any) -> bool:
 
 
 def read_houseexpo(plan: Any) -> Building:
-    """The building of a plan.
-
-    Raises:
-        KeyError, TypeError, ValueError: if the plan lacks or misstates something.
-    """
+    """The building of a plan. Raises KeyError, TypeError or ValueError if the plan lacks or misstates something."""
     outline = shapely.Polygon(np.asarray(plan["verts"], dtype=np.float64))
     floor = outline if outline.is_valid else shapely.make_valid(outline)
     if floor.is_empty:

@@ -30,11 +30,7 @@ def is_plan1(plan: Any) -> bool:
 
 
 def read_plan1(plan: Any) -> Building:
-    """The building of a plan.
-
-    Raises:
-        KeyError, TypeError, ValueError: if the plan lacks or misstates something.
-    """
+    """The building of a plan. Raises KeyError, TypeError or ValueError if the plan lacks or misstates something."""
     floors = [_polygon(room) for room in plan["rooms"]]
     origin, xs, ys = grid_axes(shapely.total_bounds(floors), _CELL_M)
     labels = np.full((len(ys), len(xs)), -1)

@@ -32,11 +32,7 @@ def is_procthor(plan: Any) -> bool:
 
 
 def read_procthor(plan: Any) -> Building:
-    """The building of a house.
-
-    Raises:
-        KeyError, TypeError, ValueError: if the house lacks or misstates something.
-    """
+    """The building of a house. Raises KeyError, TypeError or ValueError if the house lacks or misstates something."""
     rooms = plan["rooms"]
     index = {room["id"]: k for k, room in enumerate(rooms)}
     # The walls have no thickness in the file; half of ours is taken from either room.

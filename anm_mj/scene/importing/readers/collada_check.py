@@ -22,10 +22,8 @@ _SURFACES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
 
 
 def check_collada(src: Path, report: ImportReport) -> MeshFacts:
-    """Count what the scene of a COLLADA file holds, and note what of it is known not to be read.
-
-    Raises:
-        SceneError: if the file is no XML, a node stands in itself or is not there, or there is too much in it.
+    """Count what the scene of a COLLADA file holds, and note what of it is known not to be read. Raises SceneError if
+    the file is no XML, a node stands in itself or is not there, or there is too much in it.
     """
     try:
         text = read_bytes(src, MAX_MESH_MIB)

@@ -53,10 +53,8 @@ def is_gazebo(src: Path) -> bool:
 
 
 def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-    """The first world of an SDF file, or its models if it has none.
-
-    Raises:
-        SceneError: if the file is no SDF, holds nothing that can be drawn, or poses that lead nowhere.
+    """The first world of an SDF file, or its models if it has none. Raises SceneError if the file is no SDF, holds
+    nothing that can be drawn, or poses that lead nowhere.
     """
     file = model_file(src)
     if file is None:

@@ -44,10 +44,8 @@ _DATA_HEAD = 200
 
 
 def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
-    """Refuse a glTF whose triangles cannot all be read, or are too many; note textures that cannot be decoded.
-
-    Raises:
-        SceneError: if it is so, or the file is damaged.
+    """Refuse a glTF whose triangles cannot all be read, or are too many; note textures that cannot be decoded. Raises
+    SceneError if it is so, or the file is damaged.
     """
     try:
         gltf = open_gltf(src, size)

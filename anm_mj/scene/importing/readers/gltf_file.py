@@ -120,10 +120,8 @@ def open_gltf(src: Path, size: int) -> GltfFile:
 
 
 def even_gltf(src: Path) -> bytes:
-    """A glTF file as the library expects it: all primitives as :meth:`GltfFile.even_primitive` writes them.
-
-    Raises:
-        ValueError: if it cannot be read.
+    """A glTF file as the library expects it: all primitives as :meth:`GltfFile.even_primitive` writes them. Raises
+    ValueError if it cannot be read.
     """
     content = read_bytes(src, MAX_MESH_MIB)
     gltf = open_gltf(src, len(content))

@@ -62,10 +62,8 @@ def is_scene_instance(src: Path, dataset: Dataset) -> bool:
 
 
 def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-    """The stage and objects of one scene, each where it stands.
-
-    Raises:
-        SceneError: if the file is no scene, or lies outside a dataset's folder, or nothing of it is there.
+    """The stage and objects of one scene, each where it stands. Raises SceneError if the file is no scene, or lies
+    outside a dataset's folder, or nothing of it is there.
     """
     if not (os.path.isfile(src) and src.name.endswith(_SCENE_SUFFIX)):
         raise SceneError(f"{src} is no scene of a {dataset.title}: give one of its *{_SCENE_SUFFIX} files.")

@@ -25,11 +25,8 @@ _PLY_CORNERS = ("vertex_indices", "vertex_index")
 
 
 def check_mesh_file(src: Path, report: ImportReport) -> MeshFacts:
-    """Accept a file that looks readable, and return what it says of itself.
-
-    Raises:
-        SceneError: if the file is missing, of another format, empty, unreadable, too large, or stored in a way that
-            cannot be read here.
+    """Accept a file that looks readable, and return what it says of itself. Raises SceneError if the file is missing,
+    of another format, empty, unreadable, too large, or stored in a way that cannot be read here.
     """
     suffixes = ", ".join(MESH_SUFFIXES)
     if not os.path.exists(src):  # Unlike Path.exists, never an error.

@@ -27,11 +27,8 @@ _VERTEX_ZERO = re.compile(rb"\s0+(?:/|\s|$)")
 
 
 def check_obj(src: Path, report: ImportReport) -> MeshFacts:
-    """Look at every line of an OBJ file, and note the surfaces that are not read.
-
-    Raises:
-        SceneError: if it changes its material too often, a vertex has less than three numbers, or a face names vertex
-            0.
+    """Look at every line of an OBJ file, and note the surfaces that are not read. Raises SceneError if it changes its
+    material too often, a vertex has less than three numbers, or a face names vertex 0.
     """
     parts, libraries, uneven = 0, 0, False
     with open_regular(src) as file:

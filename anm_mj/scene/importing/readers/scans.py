@@ -41,10 +41,8 @@ class ScanLayout:
 
 
 def read_scan(layout: ScanLayout, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-    """The scene in a folder or file of this layout.
-
-    Raises:
-        SceneError: if a folder holds no mesh where the layout has it, or the mesh cannot be read.
+    """The scene in a folder or file of this layout. Raises SceneError if a folder holds no mesh where the layout has
+    it, or the mesh cannot be read.
     """
     del model_paths
     mesh = src if src.is_file() else layout.find(src)

@@ -66,10 +66,8 @@ class MaterialReader:
     _scripts: dict[Path, dict[str, _Script]] = field(default_factory=dict)
 
     def read(self, element: ET.Element | None, folder: Path) -> Material | None:
-        """The material that a <material> element in a file of ``folder`` gives; None where it gives none.
-
-        Raises:
-            SceneError: if a colour is no numbers.
+        """The material that a <material> element in a file of ``folder`` gives; None where it gives none. Raises
+        SceneError if a colour is no numbers.
         """
         if element is None:
             return None

@@ -23,10 +23,8 @@ Transform = Float64[np.ndarray, "4 4"]
 
 
 def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
-    """The numbers in an element, or a default where there is none.
-
-    Raises:
-        SceneError: if it holds something else, or too few of them.
+    """The numbers in an element, or a default where there is none. Raises SceneError if it holds something else, or too
+    few of them.
     """
     text = "" if element is None else (element.text or "").strip()
     if element is None or not text:
@@ -77,11 +75,7 @@ def rpy_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float64[np.
 
 
 def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of a quaternion of any length but 0.
-
-    Raises:
-        SceneError: if it is 0 or not finite.
-    """
+    """Rotation of a quaternion of any length but 0. Raises SceneError if it is 0 or not finite."""
     length = math.sqrt(sum(value * value for value in wxyz))
     if not (math.isfinite(length) and length > 1e-9):
         raise SceneError(f"The quaternion {wxyz} is no rotation: fix it in the source.")
@@ -113,10 +107,8 @@ class Scope:
         self._poses: dict[str, Transform] = {}
 
     def place(self, child: ET.Element) -> Transform:
-        """T_world_child of an element of this scope, named or not.
-
-        Raises:
-            SceneError: if its pose is relative to a frame that is not there, or to itself by a detour.
+        """T_world_child of an element of this scope, named or not. Raises SceneError if its pose is relative to a frame
+        that is not there, or to itself by a detour.
         """
         name = child.get("name", "")
         if child.tag in FRAMED and self._framed.get(name) is child:

@@ -76,10 +76,8 @@ def format_names() -> tuple[str, ...]:
 
 
 def find_format(src: Path, name: str = "auto") -> SceneFormat:
-    """The format of a source, or the one of that name.
-
-    Raises:
-        SceneError: if the source is missing, no format has that name, or the source has none.
+    """The format of a source, or the one of that name. Raises SceneError if the source is missing, no format has that
+    name, or the source has none.
     """
     if not os.path.exists(src):  # Unlike Path.exists, never an error.
         raise SceneError(

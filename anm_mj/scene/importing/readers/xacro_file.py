@@ -11,10 +11,8 @@ XACRO = ".xacro"
 
 
 def expanded(src: Path) -> bytes:
-    """What the macros of a file make of it, with the defaults of its arguments.
-
-    Raises:
-        SceneError: if xacro is not installed, or refuses the file.
+    """What the macros of a file make of it, with the defaults of its arguments. Raises SceneError if xacro is not
+    installed, or refuses the file.
     """
     try:
         xacro = importlib.import_module("xacro")

@@ -23,11 +23,8 @@ _REST = 0.01
 
 
 def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
-    """The model in a file; files that it names may lie in its own folder, those above, and ``folders``.
-
-    Raises:
-        SceneError: if the file is no MJCF, it or what it includes is missing or damaged, or it names files from
-            elsewhere.
+    """The model in a file; files that it names may lie in its own folder, those above, and ``folders``. Raises
+    SceneError if the file is no MJCF, it or what it includes is missing or damaged, or it names files from elsewhere.
     """
     if not src.is_file():
         raise SceneError(f"{src} is no file: give the MJCF file of a world.")
@@ -53,10 +50,8 @@ def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
 
 
 def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
-    """The model at its first key frame, or else as it is written; dropped until everything rests if asked.
-
-    Raises:
-        SceneError: if the simulation diverges or needs more memory than the file gives it, or a geom is nowhere.
+    """The model at its first key frame, or else as it is written; dropped until everything rests if asked. Raises
+    SceneError if the simulation diverges or needs more memory than the file gives it, or a geom is nowhere.
     """
     data = mujoco.MjData(model)
     if model.nkey:
