@@ -126,12 +126,7 @@ def explore(
                 free = not result.collided and action is not Action.WAIT
                 judges = localiser is None
                 seen = state.monitor.check(
-                    seen,
-                    action=action,
-                    moved=free,
-                    sdf_m=mapper.sdf,
-                    grid_at=mapper.occupancy_grid,
-                    judges_pose=judges,
+                    seen, action=action, moved=free, sdf_m=mapper.sdf, grid_at=mapper.occupancy_grid, judges_pose=judges
                 )
         if seen is None:
             state.total.add(watch)

@@ -160,13 +160,7 @@ def run_loop(
     keeper = _StateKeeper(checkpointer, config.steps)
     followers = (robot, recorder, *observers, keeper)
     ended = explore(
-        robot,
-        mapper,
-        parts.policy,
-        num_steps=config.steps,
-        localiser=parts.localiser,
-        observers=followers,
-        state=state,
+        robot, mapper, parts.policy, num_steps=config.steps, localiser=parts.localiser, observers=followers, state=state
     )
     interrupted = ended.stop_reason is StopReason.INTERRUPTED
     if interrupted:
@@ -194,13 +188,7 @@ def run_loop(
 def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> dict[str, Any]:
     """Everything that a checkpoint holds, by name."""
     recorder.flush()
-    roots = {
-        "loop": state,
-        "robot": parts.robot,
-        "mapper": parts.mapper,
-        "policy": parts.policy,
-        "recorder": recorder,
-    }
+    roots = {"loop": state, "robot": parts.robot, "mapper": parts.mapper, "policy": parts.policy, "recorder": recorder}
     return roots if parts.localiser is None else {**roots, "localiser": parts.localiser}
 
 

@@ -1,16 +1,21 @@
-"""Consoles of the command line, on which no file of others commands the terminal."""
+"""Consoles of the command line, on which no file of others commands the terminal; progress bars, and where logs go."""
 
 from __future__ import annotations
 
 import json
+import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressDisplay
 from rich.text import Text
 
 from anm_mj.cli.command_line import Manner
+from anm_mj.utils.progress import Progress
 
 UNUSABLE = 1
 """Exit status of a check that found what it checked unusable."""
@@ -74,3 +79,51 @@ def say_problems(problems: Sequence[str]) -> int:
 def printable(text: str) -> str:
     """A text in which no character commands the terminal: files of others may name anything anyhow."""
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
+@contextmanager
+def progress_bar(console: Console, words: str) -> Iterator[Progress]:
+    """Show a bar while the block runs; nothing without a terminal.
+
+    Yields:
+        A function to call with what is done and in all.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with ProgressDisplay(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+        task = progress.add_task(words, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def busy(console: Console, words: str) -> Iterator[None]:
+    """Show that something goes on, and for how long; nothing without a terminal. For what nobody knows the rest of."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with ProgressDisplay(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+        progress.add_task(words, total=None)
+        yield
+
+
+class _Lines(logging.Handler):
+    """Prints a record as one line however wide the console is: what is stored in a file or copied stays whole."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            self._console.print(self.format(record), markup=False, highlight=False, soft_wrap=True)
+        except Exception:
+            self.handleError(record)
+
+
+def log_to(console: Console, *, verbose: bool = False, quiet: bool = False) -> None:
+    """Send what the project logs to a console, of other packages only warnings.
+
+    Args:
+        console: where to.
+        verbose: details too.
+        quiet: of the project only warnings, too.
+    """
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Lines(console)], force=True)
+    logging.getLogger("anm_mj").setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)

@@ -19,8 +19,7 @@ def evaluate(
         halved_intrinsics: also print completion as the paper's code back-projects, half a pixel aside
         scene: with --novel-views: name or folder of the run's scene, if it has moved
     """
-    from anm_mj.cli.bar import progress_bar
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, progress_bar
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.cli.run_summary import report_metrics
     from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run

@@ -155,10 +155,8 @@ def show_run(
         verbose: whether details are shown.
         live: whether it also takes a function that says whether the user wants an end.
     """
-    from anm_mj.cli.console import PlainConsole
-    from anm_mj.cli.live_view import live_view
-    from anm_mj.cli.log import log_to
-    from anm_mj.cli.progress import Interrupt, ProgressLine
+    from anm_mj.cli.console import PlainConsole, log_to
+    from anm_mj.cli.progress import Interrupt, ProgressLine, live_view
     from anm_mj.cli.run_summary import report_metrics
     from anm_mj.types import StopReason
 

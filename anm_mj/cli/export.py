@@ -52,8 +52,7 @@ def export(
         start: when the run began, for mcap and rosbag: 2026-05-01T09:30 (UTC), seconds since 1970, or 0 to count from
             its start; by default when it was made
     """
-    from anm_mj.cli.bar import progress_bar
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, progress_bar
 
     if video is None and not formats:
         raise ConfigError("Nothing to export; name a film by --video film.mp4, or a format, as in --format glb.")

@@ -59,8 +59,7 @@ def localise(
         settings: any setting of localisation, as in localisation.relocalisation.least_score=0.7; may be repeated
         **options: fields of ``RunConfig``
     """
-    from anm_mj.cli.bar import progress_bar
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, progress_bar
     from anm_mj.config import DEFAULT_PRESET, make_config
     from anm_mj.evaluation.reference_trajectory import read_reference
     from anm_mj.io.sequence import ranges_text

@@ -69,8 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         given, manner = parse(prog, command, rest)
     except SystemExit as end:
         return int(end.code or 0)
-    from anm_mj.cli.console import PlainConsole, say_json
-    from anm_mj.cli.log import log_to
+    from anm_mj.cli.console import PlainConsole, log_to, say_json
     from anm_mj.utils.files import home_folder, nowhere_folder
 
     # matplotlib and others end the program for a user without a home.

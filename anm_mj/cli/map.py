@@ -110,10 +110,8 @@ def map_recorded(
         settings: any setting of config.json; may be repeated
         **options: fields of ``RunConfig``
     """
-    from anm_mj.cli.bar import progress_bar
-    from anm_mj.cli.console import PlainConsole
-    from anm_mj.cli.live_view import live_view
-    from anm_mj.cli.progress import FrameLine, Interrupt
+    from anm_mj.cli.console import PlainConsole, progress_bar
+    from anm_mj.cli.progress import FrameLine, Interrupt, live_view
     from anm_mj.cli.run_summary import print_fit, print_folder, print_tracking
     from anm_mj.config import DEFAULT_PRESET, make_config
     from anm_mj.evaluation.reference_trajectory import read_reference

@@ -7,16 +7,18 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from anm_mj.events import Decided, Ended, Observed, Stepped
+from anm_mj.events import Decided, Ended, Observed, Observer, Stepped
 from anm_mj.io.run_events import Started, Surveying, headline
 from anm_mj.types import Plan
+from anm_mj.utils.progress import Progress
 
 PLAIN_EVERY = 50
 """Steps between two printed lines, if the output is no terminal."""
@@ -125,7 +127,7 @@ class ProgressLine:
 class FrameLine:
     """How far a recorded sequence is mapped; without a terminal also what the policy would do, now and then."""
 
-    def __init__(self, console: Console, on_progress: Callable[[int, int], None]):
+    def __init__(self, console: Console, on_progress: Progress):
         """Nothing is shown before the first frame.
 
         Args:
@@ -204,3 +206,27 @@ class Interrupt:
             nowhere = open(os.devnull, "w")  # noqa: SIM115
             self._console.file = sys.stdout = sys.stderr = nowhere
         self._console.print(self._said)
+
+
+@contextmanager
+def live_view(title: str | None, port: int | None, interrupt: Interrupt) -> Iterator[list[Observer]]:
+    """Show the page while the block runs.
+
+    Args:
+        title: Of the page; None = no page.
+        port: The first to try; None = the first that is usual.
+        interrupt: Knows whether the user has asked for the end elsewhere.
+
+    Yields:
+        The page as an observer; nothing without one.
+    """
+    if title is None:
+        yield []
+        return
+    from anm_mj.viz.meshcat_viewer import MeshcatViewer
+
+    viewer = MeshcatViewer(port=port, title=title, is_ending=lambda: interrupt.is_requested)
+    try:
+        yield [viewer]
+    finally:
+        viewer.close()

@@ -70,8 +70,7 @@ def scene_import(
         movable: MuJoCo worlds: the robot may push free bodies (--drive physics)
         groups: MuJoCo worlds: geom groups that the camera sees; by default 0,1,2, as MuJoCo draws
     """
-    from anm_mj.cli.bar import busy
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, busy
     from anm_mj.scene.importing.import_scene import import_scene
 
     with busy(PlainConsole(), "import"):
@@ -127,8 +126,7 @@ def scene_generate(
         moved: N pieces of furniture stand somewhere else than without this option; moved.json says which
         force: replace a scene that OUT holds already
     """
-    from anm_mj.cli.bar import busy
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, busy
     from anm_mj.scene.generation.generate_scene import generate_scene
 
     with busy(PlainConsole(), "generate"):

@@ -26,8 +26,7 @@ def scene_check(scene: str, *, out: NewFile | None = None) -> Report:
         scene: name from the catalogue or a scene folder
         out: contact sheet: .png, .pdf or .svg; by default SCENE_check.png in the current folder
     """
-    from anm_mj.cli.bar import busy
-    from anm_mj.cli.console import PlainConsole, say_problems
+    from anm_mj.cli.console import PlainConsole, busy, say_problems
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT

@@ -31,8 +31,7 @@ def view(
     """
     import webbrowser
 
-    from anm_mj.cli.bar import progress_bar
-    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.console import PlainConsole, progress_bar
     from anm_mj.io.write import writing
     from anm_mj.replay.page import pair_page, replay_page
     from anm_mj.replay.timeline import read_timeline

@@ -167,9 +167,7 @@ class ExploreTask(control.Task):
         """The learner's observation; see ``observation_spec``."""
         del physics
         observation = OrderedDict(
-            rgb=self._view.rgb,
-            depth=sensed_depth(self._view.depth_m),
-            pose=relative_pose(self._start, self._view.pose),
+            rgb=self._view.rgb, depth=sensed_depth(self._view.depth_m), pose=relative_pose(self._start, self._view.pose)
         )
         if self._map is not None and self._config.topdown:
             observation["topdown"] = self._map.crop(self._view.pose)

@@ -9,7 +9,6 @@ their maps as wholes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -30,6 +29,7 @@ from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import Intrinsics, Observation, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
+from anm_mj.utils.progress import Progress, unheard
 
 NUM_VIEWS = 200
 """Views of every scene."""
@@ -69,10 +69,7 @@ def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> list[Observation]:
 
 
 def evaluate_fixed_views(
-    path: Path,
-    scene: str | None = None,
-    num_views: int = NUM_VIEWS,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    path: Path, scene: str | None = None, num_views: int = NUM_VIEWS, on_progress: Progress = unheard
 ) -> ViewsResult:
     """Compare what a run's map renders at the fixed views of its scene with the truth.
 

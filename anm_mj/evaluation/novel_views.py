@@ -7,7 +7,7 @@ the same seed; each run is evaluated on the first ones that are novel to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import OCCUPIED, Observation, OccupancyGrid, Pose2
+from anm_mj.utils.progress import Progress, unheard
 
 NUM_VIEWS = 8
 """Default number of views."""
@@ -44,11 +45,7 @@ SHOWN_DEPTH_M = 6.0
 
 
 def evaluate_novel_views(
-    path: Path,
-    views: int = NUM_VIEWS,
-    seed: int = 0,
-    scene: str | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    path: Path, views: int = NUM_VIEWS, seed: int = 0, scene: str | None = None, on_progress: Progress = unheard
 ) -> ViewsResult:
     """Evaluate a run's map on novel views.
 

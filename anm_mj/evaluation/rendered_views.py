@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,11 @@ from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_vie
 from anm_mj.io.to_json import write_json
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import Observation
+from anm_mj.utils.progress import Progress, unheard
 
 
 def compare_views(
-    neural_map: NeuralMap,
-    views: Iterable[Observation],
-    num_views: int,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    neural_map: NeuralMap, views: Iterable[Observation], num_views: int, on_progress: Progress = unheard
 ) -> Iterator[tuple[Observation, UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], ViewQuality]]:
     """Each true view, colour and planar depth [m] that a map renders in its place, and their quality. ``num_views`` is
     for the progress.

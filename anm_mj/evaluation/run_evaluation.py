@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +42,7 @@ from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.utils.files import write_text
+from anm_mj.utils.progress import Progress, unheard
 
 _POSES = ("T_world_camera", "T_true_camera")
 """Fields of a frame: the camera's believed and its true pose."""
@@ -52,7 +52,7 @@ _OF_VIEWS = {field.name for field in dataclasses.fields(Metrics) if field.name.s
 
 def evaluate_run(
     path: Path,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    on_progress: Progress = unheard,
     novel_views: ViewsResult | None = None,
     fixed_views: ViewsResult | None = None,
 ) -> Metrics:
@@ -213,7 +213,7 @@ def _covered_before(folder: RunFolder, truth: GroundTruth) -> Float32[np.ndarray
     return read_covered_before(path, len(truth.samples)) if path.is_file() else None
 
 
-def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, int], None]) -> GroundTruth:
+def _with_observable(run: Run, truth: GroundTruth, on_progress: Progress) -> GroundTruth:
     """The same ground truth with its observable part, if robot and scene are still those of the run."""
     if run.manifest.get("robot") != DEFAULT_ROBOT:
         return truth

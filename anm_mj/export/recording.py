@@ -21,6 +21,7 @@ from anm_mj.io.write import writing
 from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline
 from anm_mj.types import Intrinsics
+from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz import palette
 
 FLOAT32 = 7
@@ -29,7 +30,7 @@ LINE_LIST, LINE_STRIP = 2, 0
 Write = Callable[[str, str, FrameRecord, dict[str, Any]], None]
 
 
-def export_mcap(run: Run, out: Path, on_progress: Callable[[int, int], None] = lambda done, total: None) -> list[Path]:
+def export_mcap(run: Run, out: Path, on_progress: Progress = unheard) -> list[Path]:
     """``run.mcap``: poses, images, depth, calibration, decisions, completion and the points of the final surface.
     Raises RunFolderError if the package mcap is missing, a file of the run is damaged, or the file cannot be written.
     """

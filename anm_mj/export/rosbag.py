@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from anm_mj.io.write import writing
 from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline
 from anm_mj.types import Intrinsics
+from anm_mj.utils.progress import Progress, unheard
 
 MAP, ODOM, BASE, LINK, CAMERA = "map", "odom", "base_link", "camera_link", "camera_optical_frame"
 T_LINK_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -31,9 +31,7 @@ _STILL = 1e-6
 """A camera whose pose on the base changes by less, in metres and parts of a matrix, is fixed to it."""
 
 
-def export_rosbag(
-    run: Run, out: Path, on_progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[Path]:
+def export_rosbag(run: Run, out: Path, on_progress: Progress = unheard) -> list[Path]:
     """``rosbag/``: a ROS 2 bag in MCAP.
 
     ``/tf`` and ``/tf_static`` (``map``, ``odom``, ``base_link``, ``camera_link``, ``camera_optical_frame``), ``/odom``,
@@ -99,7 +97,7 @@ def _latched() -> Any:
     )
 
 
-def _write_run(run: Run, to: _BagMessages, on_progress: Callable[[int, int], None]) -> None:
+def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
     timeline = Timeline(run)
     colour = image_intrinsics(run) if kept_images(run) else None
     mounts = [np.linalg.inv(pose_matrix(each.pose)) @ each.T_world_camera @ T_LINK_CAMERA.T for each in run.frames]

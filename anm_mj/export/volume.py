@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from anm_mj.io.read_run import Run
 from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import UNKNOWN
+from anm_mj.utils.progress import Progress, unheard
 
 CHUNK = 1 << 18
 """Points per query of the map."""
@@ -22,7 +22,7 @@ SLICE_HEIGHT_M = 0.5
 """Height of the slice: obstacles that stop a robot of the usual size [m]."""
 
 
-def export_sdf(run: Run, out: Path, on_progress: Callable[[int, int], None] = lambda done, total: None) -> list[Path]:
+def export_sdf(run: Run, out: Path, on_progress: Progress = unheard) -> list[Path]:
     """``sdf.npz``: ``sdf_m`` (layers, rows, cols) float32, ``state``, ``origin_m``, ``spacing_m``, ``truncation_m``.
 
     ``sdf_m[k, i, j]`` is the signed distance at ``origin_m + spacing_m * (j, i, k)`` [m], positive in free space, cut
@@ -39,7 +39,7 @@ def export_sdf(run: Run, out: Path, on_progress: Callable[[int, int], None] = la
     return [path]
 
 
-def export_esdf(run: Run, out: Path, on_progress: Callable[[int, int], None] = lambda done, total: None) -> list[Path]:
+def export_esdf(run: Run, out: Path, on_progress: Progress = unheard) -> list[Path]:
     """``esdf.npz``: ``esdf_m`` (rows, cols) float32 at ``height_m``, ``origin_xy_m``, ``spacing_m``.
 
     The distance in space to the nearest occupied voxel, not cut off; negative inside, NaN where nothing was observed.
@@ -84,7 +84,7 @@ class _Volume:
     truncation_m: float
 
 
-def _volume(run: Run, on_progress: Callable[[int, int], None]) -> _Volume:
+def _volume(run: Run, on_progress: Progress) -> _Volume:
     if not run.folder.map.is_file():
         raise RunFolderError(f"{run.folder.path} has no {run.folder.map.name}: the run did not end.")
     neural_map = NeuralMap.load(run.folder.map, device="cpu")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -24,6 +23,7 @@ from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import scene_area
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
+from anm_mj.utils.progress import Progress, unheard
 from anm_mj.utils.raycast import RayCaster, embree_installed
 
 _logger = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ def cached_ground_truth(
     footprint: Footprint,
     camera: CameraExtrinsics,
     start: Pose2,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    on_progress: Progress = unheard,
     num_samples: int = NUM_SAMPLES,
 ) -> GroundTruth:
     """The samples for completion, and which of them are observable from where the robot can get from ``start``.

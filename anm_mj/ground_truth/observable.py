@@ -15,7 +15,6 @@ room cover, and finds as much again that they do not cover.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +26,7 @@ from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics, PixelRays
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.scene.raster import distance_in_walls
+from anm_mj.utils.progress import Progress, unheard
 from anm_mj.utils.raycast import RayCaster
 
 NUM_ROUNDS = 288
@@ -87,7 +87,7 @@ def observable_samples(
     caster: RayCaster,
     area: ReachableArea,
     camera: CameraExtrinsics,
-    on_round: Callable[[int, int], None] = lambda done, total: None,
+    on_round: Progress = unheard,
 ) -> Bool[np.ndarray, " n"]:
     """The samples of a surface (world [m]) that a frame of the robot's camera from somewhere in the area could cover.
 

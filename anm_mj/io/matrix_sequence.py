@@ -32,8 +32,7 @@ def read_seven_scenes(folder: Path) -> Sequence:
     """
     named = {path.name.removesuffix(".depth.png"): path for path in folder.glob("frame-*.depth.png")}
     frames, left_out = _frames(
-        folder,
-        [(folder / f"{name}.color.png", named[name], folder / f"{name}.pose.txt") for name in sorted(named)],
+        folder, [(folder / f"{name}.color.png", named[name], folder / f"{name}.pose.txt") for name in sorted(named)]
     )
     camera = from_pixel_centres(*_size(folder, frames), _KINECT)
     return Sequence(folder, camera, _UNIT_M, frames, resize=True, assumes_camera=True, left_out=(left_out,))

@@ -44,9 +44,7 @@ def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 
     return _read(path)[:2]
 
 
-def read_coloured_mesh(
-    path: Path,
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], UInt8[np.ndarray, "v 3"]]:
+def read_coloured_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], UInt8[np.ndarray, "v 3"]]:
     """Vertices (world [m]), faces and the vertices' colours of a mesh file; grey where it has none.
 
     Raises:

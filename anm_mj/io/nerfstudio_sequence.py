@@ -88,14 +88,7 @@ def read_nerfstudio(folder: Path) -> Sequence:
     # Images of ours keep the first pixel of each block.
     ours = facts.get("depth_pixels") == "first of each block"
     return Sequence(
-        folder,
-        camera,
-        unit,
-        whole,
-        resize=True,
-        keeps_corner_pixels=ours,
-        distortion=bent,
-        left_out=left_out,
+        folder, camera, unit, whole, resize=True, keeps_corner_pixels=ours, distortion=bent, left_out=left_out
     )
 
 

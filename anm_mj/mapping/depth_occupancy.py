@@ -280,10 +280,7 @@ class DepthOccupancy:
         self.voxels = self.voxels._replace(log_odds=log_odds)
 
     def _view(
-        self,
-        depth_m: Float32[np.ndarray, "h w"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
+        self, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
     ) -> CameraView:
         if self._rays is None or self._rays[0] != intrinsics:
             self._rays = (intrinsics, pixel_directions(intrinsics).astype(np.float32))

@@ -65,12 +65,7 @@ class _About(Struct):
 
 def write_map(path: Path, saved: SavedMap) -> None:
     """Write a map. Raises OSError if the file cannot be written."""
-    about = {
-        "format": FORMAT,
-        "config": asdict(saved.config),
-        "seed": saved.seed,
-        "num_frames": saved.num_frames,
-    }
+    about = {"format": FORMAT, "config": asdict(saved.config), "seed": saved.seed, "num_frames": saved.num_frames}
     parts = {"field": saved.parameters, "occupancy": saved.occupancy}
     # Unlike ascontiguousarray, asarray keeps arrays without axes as they are.
     arrays = {

@@ -140,9 +140,7 @@ class NeuralMap:
         self.field.move_keyframes(from_end, T_world_camera)
 
     def rebuild(
-        self,
-        views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]],
-        iterations: int,
+        self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]], iterations: int
     ) -> None:
         """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often."""
         self.occupancy.by_depth.rebuild(views)

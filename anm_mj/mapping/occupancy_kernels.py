@@ -171,11 +171,7 @@ class OccupancyKernels:
         self._native.free_left(heavy, low, high, self._config.miss, frame)
 
     def moved(
-        self,
-        voxels: VoxelArrays,
-        view: CameraView,
-        doubt: tuple[float, float, float],
-        free_looks: int,
+        self, voxels: VoxelArrays, view: CameraView, doubt: tuple[float, float, float], free_looks: int
     ) -> Bool[np.ndarray, "h w"]:
         """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`).
 

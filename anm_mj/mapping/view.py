@@ -23,10 +23,7 @@ _PROBES = 9
 
 
 def render_view(
-    backend: MapperBackend,
-    occupancy: DepthOccupancy,
-    intrinsics: Intrinsics,
-    T_world_camera: Float[np.ndarray, "4 4"],
+    backend: MapperBackend, occupancy: DepthOccupancy, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
     """Colour and planar depth [m] as a camera would see them; black and NaN along rays that meet no surface."""
     truncation_m = backend.config.field.truncation_m

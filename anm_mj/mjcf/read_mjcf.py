@@ -46,12 +46,7 @@ class OutsideError(ValueError):
 
 
 def read_spec(
-    path: Path,
-    *,
-    levels_up: int = LEVELS_UP,
-    others: Sequence[Path] = (),
-    option: str = "",
-    robot: bool = False,
+    path: Path, *, levels_up: int = LEVELS_UP, others: Sequence[Path] = (), option: str = "", robot: bool = False
 ) -> mujoco.MjSpec:
     """The parsed and uncompiled model in an MJCF or URDF file.
 

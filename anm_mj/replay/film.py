@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import EMPTY_PATH, Timeline
 from anm_mj.types import UNKNOWN
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz import palette
 
 GAP_PX, HEAD_PX, FOOT_PX = 8, 60, 34
@@ -60,7 +61,7 @@ def write_film(
     fps: float = 15.0,
     every: int = 1,
     scene: str | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    on_progress: Progress = unheard,
 ) -> None:
     """Write a film as MP4 (H.264) or GIF, by the file's ending.
 
@@ -105,11 +106,7 @@ def write_film(
 
 
 def film_frames(
-    timeline: Timeline,
-    *,
-    every: int = 1,
-    scene: str | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    timeline: Timeline, *, every: int = 1, scene: str | None = None, on_progress: Progress = unheard
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     """The pictures of a film; arguments and errors as of :func:`write_film`."""
     run, total = timeline.run, timeline.num_frames

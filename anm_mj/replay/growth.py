@@ -6,23 +6,20 @@ of it. So nothing has to be stored during the run, and a run of an older version
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.io.read_run import Run
 from anm_mj.types import Intrinsics
+from anm_mj.utils.progress import Progress, unheard
 
 TOLERANCE_M, TOLERANCE_SHARE = 0.06, 0.02
 """A vertex is seen where depth differs from its own by less than this [m], plus this share of it."""
 
 
 def first_seen(
-    run: Run,
-    vertices_m: Float[np.ndarray, "v 3"],
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    run: Run, vertices_m: Float[np.ndarray, "v 3"], on_progress: Progress = unheard
 ) -> Int[np.ndarray, " v"]:
     """Index of the frame that first saw each vertex; a vertex that none saw takes that of its nearest neighbour.
 

@@ -20,6 +20,7 @@ from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import Timeline
 from anm_mj.utils.picture import jpeg_url
+from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz import assets, palette, shapes
 
 MAX_FACES = 300_000
@@ -37,11 +38,7 @@ IMAGE_QUALITY = 75
 COVERAGE_OF = {"observable": "the observable surface", "completion": "the surface"}
 
 
-def replay_page(
-    timeline: Timeline,
-    scene: str | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> str:
+def replay_page(timeline: Timeline, scene: str | None = None, on_progress: Progress = unheard) -> str:
     """The page's HTML. ``scene`` is the present name or folder of its scene, if it has moved; needed where no colour
     images were kept. Progress counts every frame twice. Raises RunFolderError if a file of the run is damaged, and
     MapError if the run's map cannot be read.

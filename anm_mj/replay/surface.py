@@ -17,6 +17,7 @@ from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import Run
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.replay.growth import first_seen
+from anm_mj.utils.progress import Progress, unheard
 
 CEILING_CUT_M = 2.0
 """Faces above this height are left out, for a look into the rooms from above [m]."""
@@ -42,11 +43,7 @@ class GrowingMesh:
 
 
 def growing_mesh(
-    run: Run,
-    max_faces: int | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
-    *,
-    with_errors: bool = True,
+    run: Run, max_faces: int | None = None, on_progress: Progress = unheard, *, with_errors: bool = True
 ) -> GrowingMesh | None:
     """The mesh of a run; None where it has none, as a killed run. Vertices are merged until there are at most
     ``max_faces``, None = as they are. ``with_errors``: the map is asked how certain it is, and the mesh is compared
@@ -80,10 +77,7 @@ def growing_mesh(
 
 
 def merged(
-    vertices_m: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
-    rgb: UInt8[np.ndarray, "v 3"],
-    size_m: float,
+    vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], rgb: UInt8[np.ndarray, "v 3"], size_m: float
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"], UInt8[np.ndarray, "w 3"]]:
     """A lighter mesh: all vertices of a cube become their mean, and faces that collapse go.
 

@@ -23,11 +23,7 @@ class SimulatedBase:
     """Reads and writes the base's joints in ``data.qpos``."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        prefix: str = "",
-        robot: RobotDescription | None = None,
+        self, model: mujoco.MjModel, data: mujoco.MjData, prefix: str = "", robot: RobotDescription | None = None
     ):
         """Look the joints of a robot, alone or in a scene, up by name; ``prefix`` precedes its names there.
 

@@ -22,9 +22,7 @@ LOWEST_M = 0.05
 
 
 def robot_footprint(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    T_world_base: Float[np.ndarray, "4 4"],
+    model: mujoco.MjModel, data: mujoco.MjData, T_world_base: Float[np.ndarray, "4 4"]
 ) -> tuple[Footprint, float]:
     """The upright cylinder about the base that encloses the robot, joints locked, and the robot's own radius [m]."""
     solid = solid_geoms(model)

@@ -59,8 +59,7 @@ def robot_presets() -> dict[str, RobotPreset]:
         entries = tomllib.loads(path.read_text(encoding="utf-8"))
         return {
             name: RobotPreset(
-                name=name,
-                **entry | {key: tuple(entry[key]) for key in ("files", "aliases") if key in entry},
+                name=name, **entry | {key: tuple(entry[key]) for key in ("files", "aliases") if key in entry}
             )
             for name, entry in entries.items()
         }

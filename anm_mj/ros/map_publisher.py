@@ -160,10 +160,7 @@ class MapPublisher:
             colors=[],
             texture_resource="",
             texture=make.make(
-                "sensor_msgs/msg/CompressedImage",
-                header=make.header(0.0, ""),
-                format="",
-                data=np.zeros(0, np.uint8),
+                "sensor_msgs/msg/CompressedImage", header=make.header(0.0, ""), format="", data=np.zeros(0, np.uint8)
             ),
             uv_coordinates=[],
             text="",

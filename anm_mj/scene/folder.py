@@ -16,10 +16,11 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
+from msgspec import Meta, Struct
 
 from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import checked_triangles
@@ -28,6 +29,29 @@ from anm_mj.utils.close_names import close_name
 from anm_mj.utils.files import home_folder
 from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import convert, read_npz, read_toml
+
+Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
+"""[m]"""
+Corner = tuple[Coordinate, Coordinate, Coordinate]
+Degrees = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Count = Annotated[int, Meta(ge=1, le=10**9)]
+
+
+class SceneShape(Struct):
+    """The entries that a scene needs; others are for people to read."""
+
+    name: Annotated[str, Meta(min_length=1, max_length=255)]
+    bounds: tuple[Corner, Corner]
+    triangles: Count
+    starts: Annotated[list[tuple[Coordinate, Coordinate, Degrees]], Meta(max_length=1000)]
+    has_ceiling: bool
+    cull_face: bool
+    licence: str
+    source: str
+    hash: str
+    rooms: Count | None = None
+    budget_steps: Count | None = None
+
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
 INDEX = "imported.txt"
@@ -194,7 +218,6 @@ def read_scene_folder(folder: Path) -> Scene:
 
 
 def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
-    from anm_mj.scene.toml_shape import SceneShape
 
     shape = convert(entries, SceneShape)
     bounds = np.asarray(shape.bounds, dtype=np.float64)

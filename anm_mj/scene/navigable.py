@@ -68,9 +68,7 @@ class NavigableArea:
 
 
 def navigable_area(
-    triangles_m: Float[np.ndarray, "f 3 3"],
-    footprint: Footprint,
-    obstacles_m: Float[np.ndarray, "o 3 3"] | None = None,
+    triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint, obstacles_m: Float[np.ndarray, "o 3 3"] | None = None
 ) -> NavigableArea:
     """Where an upright cylinder can stand on a floor at z = 0 among triangles in the world.
 

@@ -47,11 +47,7 @@ class Judge:
         """
         pairs = self.evidence.pairs[:: 2 if thin else 1]
         poses = self.view_poses(correction)
-        return misfit(
-            self.shown(correction),
-            pairs,
-            inverse(poses[pairs[:, 1]]) @ poses[pairs[:, 0]],
-        )
+        return misfit(self.shown(correction), pairs, inverse(poses[pairs[:, 1]]) @ poses[pairs[:, 0]])
 
     def colour_cost(self, correction: Correction) -> Float64[np.ndarray, " d"]:
         """Of colour alone, under a correction with its offset of colour."""

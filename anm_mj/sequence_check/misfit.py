@@ -61,11 +61,7 @@ class Carried(NamedTuple):
     inside: Bool[np.ndarray, "d n"]
 
 
-def misfit(
-    shown: Surfaces,
-    pairs: Int64[np.ndarray, "d 2"],
-    T_b_a: Float64[np.ndarray, "d 4 4"],
-) -> Misfit:
+def misfit(shown: Surfaces, pairs: Int64[np.ndarray, "d 2"], T_b_a: Float64[np.ndarray, "d 4 4"]) -> Misfit:
     """Hold the points of the first frame of each pair against the surface of the second. ``T_b_a`` leads from the
     camera of the first to that of the second.
     """
@@ -99,10 +95,7 @@ def misfit(
         count = told.sum(axis=1)
         fitting = (told & (deviations < FITS)).sum(axis=1) / np.where(count, count, np.nan)
         return Misfit(
-            masked_mean(total, known),
-            inside.sum(axis=1) / np.maximum(known.sum(axis=1), 1),
-            fitting,
-            medians(relative),
+            masked_mean(total, known), inside.sum(axis=1) / np.maximum(known.sum(axis=1), 1), fitting, medians(relative)
         )
 
 

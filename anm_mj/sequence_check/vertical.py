@@ -9,12 +9,7 @@ from jaxtyping import Float64
 
 from anm_mj.sequence_check.surfaces import Surfaces
 
-_AXES = {
-    "z": (0.0, 0.0, 1.0),
-    "-z": (0.0, 0.0, -1.0),
-    "y": (0.0, 1.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-}
+_AXES = {"z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0), "y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0)}
 _SURE, _REFUTED = 0.75, 0.35
 """The upper edge of the images points along the vertical by more than the first cosine in the mean; an axis along which
 it points by less than the second is not the vertical."""

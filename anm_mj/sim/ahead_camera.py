@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from anm_mj.sim.camera import Camera
-from anm_mj.utils.cores import lent_core
+from anm_mj.utils.threads import lent_core
 
 _READ = (
     "geom_xpos",

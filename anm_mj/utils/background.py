@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from queue import Queue
 
-from anm_mj.utils.cores import lent_core
+from anm_mj.utils.threads import lent_core
 
 
 class Background:

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from anm_mj import _native
 
 
 def usual_num_threads() -> int:
@@ -17,3 +22,24 @@ def usual_num_threads() -> int:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # Not on macOS.
         return os.cpu_count() or 1
+
+
+_lock = threading.Lock()
+_lent = 0
+
+
+@contextmanager
+def lent_core() -> Iterator[None]:
+    """While this goes on, another thread computes on one of the cores; the native engine does with one less."""
+    _change(1)
+    try:
+        yield
+    finally:
+        _change(-1)
+
+
+def _change(by: int) -> None:
+    global _lent
+    with _lock:
+        _lent += by
+        _native.lend_cores(_lent)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import os
 import re
 import shutil
@@ -10,9 +11,10 @@ import sys
 
 import matplotlib
 import pytest
+from rich.console import Console
 from rich.table import Table
 
-from anm_mj.cli.console import PlainConsole, printable
+from anm_mj.cli.console import PlainConsole, log_to, printable
 from anm_mj.utils.extras import EXTRAS
 from tests.scene.small import make_small_scene
 
@@ -79,3 +81,14 @@ sys.exit(main(sys.argv[1:]))
     final = json.loads((folder / "metrics.json").read_text())["observable_ratio"]
     assert f"step 3 of 3 · {final:.1f} % of the observable surface" in done.stdout
     assert re.search(rf"completion ratio, observable +{final:.2f} ", done.stdout)
+
+
+def test_a_record_is_one_line_as_it_stands_however_narrow_the_console(monkeypatch):
+    monkeypatch.setattr(logging.root, "handlers", [])
+    said = io.StringIO()
+    log_to(Console(file=said, width=40), verbose=False)
+    long = "/a/rather/long/path " * 10
+    logging.getLogger("anm_mj.x").info("Wrote %s[red]", long)
+    logging.getLogger("anm_mj.x").debug("a detail")
+    logging.getLogger("another").info("its detail")
+    assert said.getvalue() == f"Wrote {long}[red]\n"

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from rich.console import Console
 
-from anm_mj.cli.bar import busy
+from anm_mj.cli.console import busy
 from anm_mj.cli.main import COMMANDS, main
 from anm_mj.config import OPTIONS
 from anm_mj.planning.policies.registry import policies

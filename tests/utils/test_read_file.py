@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from anm_mj.io.run_shapes import FrameShape
-from anm_mj.scene.toml_shape import SceneShape
+from anm_mj.scene.folder import SceneShape
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import convert, is_below, parse_json, read_bytes, read_npz
 from tests.corpus.hostile import fifo, npz_bomb, pickled_npz, png

@@ -20,13 +20,7 @@ from anm_mj.evaluation.oracle.discretize import DiscretePath, discretize
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
 from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
 from anm_mj.evaluation.oracle.segments import Segments
-from anm_mj.evaluation.oracle.tour_annealing import (
-    WARM_STEPS,
-    Stop,
-    Task,
-    TourAnnealer,
-    greedy_tour,
-)
+from anm_mj.evaluation.oracle.tour_annealing import WARM_STEPS, Stop, Task, TourAnnealer, greedy_tour
 from anm_mj.evaluation.oracle.tour_measure import MEASURES, Measure
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
@@ -206,11 +200,7 @@ class TourPlanner:
         return self._search(task, bits, min(self._rounds, RESIDUAL_ROUNDS))
 
     def _search(
-        self,
-        task: Task,
-        bits: UInt64[np.ndarray, "p yaws words"],
-        rounds: int,
-        others: Sequence[list[Stop]] = (),
+        self, task: Task, bits: UInt64[np.ndarray, "p yaws words"], rounds: int, others: Sequence[list[Stop]] = ()
     ) -> list[Stop]:
         """A tour for a task: the cached one, or the best that the search finds, also from tours of others."""
         digest = hashlib.sha256(self._roadmap.places_m.tobytes() + bits.tobytes()).hexdigest()

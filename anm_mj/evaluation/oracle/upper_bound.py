@@ -27,11 +27,7 @@ GRID_DETOUR = 1.0 / math.cos(math.pi / 8.0)
 
 
 def earliest_steps(
-    area: ReachableArea,
-    places_m: Float[np.ndarray, "p 2"],
-    start_m: Float[np.ndarray, "2"],
-    yaw: int,
-    spacing_m: float,
+    area: ReachableArea, places_m: Float[np.ndarray, "p 2"], start_m: Float[np.ndarray, "2"], yaw: int, spacing_m: float
 ) -> Int[np.ndarray, "p yaws"]:
     """A lower bound on the actions to each place and heading. ``yaw`` is the heading at the start; a pose is at most
     ``spacing_m`` from its place in each axis.

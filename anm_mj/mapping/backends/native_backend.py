@@ -163,11 +163,7 @@ class NativeBackend(MapperBackend):
     def get_state(self) -> dict[str, np.ndarray]:
         """Parameters, moments, lines of the table that ever had a gradient, and iterations so far."""
         *moments, iteration = self._engine.get_optimizer()
-        return {
-            **self.parameters(),
-            **dict(zip(_MOMENTS, moments, strict=True)),
-            "iteration": np.array(iteration),
-        }
+        return {**self.parameters(), **dict(zip(_MOMENTS, moments, strict=True)), "iteration": np.array(iteration)}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Take over what :meth:`get_state` gave; see the base class."""

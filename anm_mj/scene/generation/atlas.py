@@ -28,12 +28,7 @@ Cut = Float64[np.ndarray, "k 3 2"]
 
 
 def paint(
-    name: str,
-    surface: Quads,
-    lighting: VoxelLighting,
-    light_spacing_m: float,
-    cuts: dict[int, Cut],
-    shades: int,
+    name: str, surface: Quads, lighting: VoxelLighting, light_spacing_m: float, cuts: dict[int, Cut], shades: int
 ) -> Submesh:
     """One textured submesh of a surface.
 

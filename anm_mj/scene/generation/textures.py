@@ -28,9 +28,7 @@ def _pattern(
 ) -> Callable[[Callable[Concatenate[_Places, _Parameters], _Colours]], Callable[_Parameters, Material]]:
     """Turns a function for the colours at places into one that takes its other arguments and returns the material."""
 
-    def decorate(
-        colours: Callable[Concatenate[_Places, _Parameters], _Colours],
-    ) -> Callable[_Parameters, Material]:
+    def decorate(colours: Callable[Concatenate[_Places, _Parameters], _Colours]) -> Callable[_Parameters, Material]:
         @functools.wraps(colours)
         def material(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> Material:
             return Material(lambda uv: colours(uv, *args, **kwargs), texel_m, glows)

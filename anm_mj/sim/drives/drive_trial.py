@@ -59,14 +59,7 @@ def drive_over_a_floor(robot: RobotDescription) -> DriveTrial:
         fault = fault or drive.act(action).fault
         turned_rad += wrap_angle(drive.pose.yaw_rad - yaw)
         by_wheels_rad += wrap_angle(drive.odometry.yaw_rad - measured)
-    return DriveTrial(
-        ahead.x_m,
-        FORWARD_STEP_M * _FORWARD,
-        turned_rad,
-        TURN_STEP_RAD * _TURNS,
-        by_wheels_rad,
-        fault,
-    )
+    return DriveTrial(ahead.x_m, FORWARD_STEP_M * _FORWARD, turned_rad, TURN_STEP_RAD * _TURNS, by_wheels_rad, fault)
 
 
 def plain_fault(path: Path, root: str) -> str:

@@ -23,11 +23,7 @@ from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STANDING = Twist(0.0, 0.0)
-UNSTABLE = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
 SUBSTEP_S = 0.002

@@ -15,13 +15,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.canonical_axes import find_floor
 from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, NO_MESH, NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
-from anm_mj.scene.importing.readers.own_ground import lacks_ground
 from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_include import FOLDER, part_path, read_world
@@ -29,7 +29,7 @@ from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader
 from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, state_poses
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
 from anm_mj.scene.importing.readers.xacro_file import XACRO
-from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
+from anm_mj.scene.raster import areas, clip_to_slab, grid_over, level_mask, rasterise
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
 
 _FAR_M = 1000.0
@@ -240,3 +240,26 @@ def _same_name(submesh: str, wanted: str) -> bool:
     """Whether a submesh read from a mesh file is the submesh of a name; exporters append words of their own."""
     submesh, wanted = submesh.lower(), wanted.lower()
     return submesh == wanted or submesh.removeprefix(wanted).startswith(("-", "_", "."))
+
+
+_ON_GROUND_M = 0.1
+"""What reaches down to z = 0 within this stands on it [m]."""
+_FLOOR_M = 0.2
+"""A floor lower than this is one on the ground [m]; what is called floor above it may be the tops of walls."""
+
+
+def lacks_ground(triangles_m: Float[np.ndarray, "f 3 3"]) -> bool:
+    """Whether triangles with z up stand on z = 0 with no floor below them.
+
+    That is so where their largest level surface lies above most of what is upright, as the tops of walls do.
+    """
+    z_m = triangles_m[:, :, 2]
+    if abs(float(z_m.min())) > _ON_GROUND_M:
+        return False
+    floor = find_floor(triangles_m)
+    if floor is None:
+        return True
+    if floor.z_m < _FLOOR_M:
+        return False
+    area, middle_m = np.where(level_mask(triangles_m), 0.0, areas(triangles_m)), z_m.mean(axis=1)
+    return bool(area[middle_m < floor.z_m].sum() > area[middle_m > floor.z_m].sum())

@@ -96,10 +96,7 @@ def _share_inside(solid: Bool[np.ndarray, "rows cols"], cell_m: float) -> float:
 
 
 def cut_plane(
-    half_m: Float64[np.ndarray, "2"],
-    place: Placement,
-    box_m: Float64[np.ndarray, "2 3"],
-    is_ground: bool,
+    half_m: Float64[np.ndarray, "2"], place: Placement, box_m: Float64[np.ndarray, "2 3"], is_ground: bool
 ) -> Shape | None:
     """A plane of half width and depth ``half_m`` (0: endless) as a rectangle in its own frame; None if nothing is left.
 
@@ -132,11 +129,7 @@ def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.nda
     return up > _LEVEL and 4.0 * float(half_m.prod()) > 2.0 * float(np.ptp(box_m[:, :2], axis=0).prod())
 
 
-def cut_height_field(
-    shape: Shape,
-    place: Placement,
-    box_m: Float64[np.ndarray, "2 3"],
-) -> Shape | None:
+def cut_height_field(shape: Shape, place: Placement, box_m: Float64[np.ndarray, "2 3"]) -> Shape | None:
     """A height field without its underside, which would be the largest floor, and where it is wide without the
     triangles that lie wholly beside a box.
     """
@@ -159,11 +152,7 @@ def is_wide_slab(half_m: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray,
     return bool(abs(rotation[2, upright]) > _LEVEL and aside.max() > _WIDE_M / 2.0 and half_m[upright] < aside.min())
 
 
-def cut_slab(
-    shape: Shape,
-    place: Placement,
-    box_m: Float64[np.ndarray, "2 3"],
-) -> Shape:
+def cut_slab(shape: Shape, place: Placement, box_m: Float64[np.ndarray, "2 3"]) -> Shape:
     """A box that lies flat, cut to what stands on it where it is a ground; whole where it is a floor or lies aside.
 
     Its vertices are its corners, ``place`` is that of its middle, and ``box_m`` as of :func:`ground_box`.
