@@ -31,7 +31,6 @@ class Report(NamedTuple):
     facts: Any
     """What ``--json`` prints: whatever :func:`anm_mj.io.to_json.to_json` takes."""
     status: int = 0
-    """Exit status."""
 
 
 class Manner(NamedTuple):

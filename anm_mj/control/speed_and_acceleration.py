@@ -15,16 +15,14 @@ _LEAST_MPS2 = 0.3
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Speeds and accelerations of the base. At the defaults the wheels of ``models/diff_drive`` do not slip."""
+    """Highest forward speed and turn rate of the base, and its accelerations, which are decelerations too. At the
+    defaults the wheels of ``models/diff_drive`` do not slip.
+    """
 
     forward_mps: float = 0.5
-    """Highest forward speed [m/s]."""
     forward_mps2: float = 1.5
-    """Forward acceleration and deceleration [m/s²]."""
     turn_radps: float = 1.8
-    """Highest turn rate [rad/s]."""
     turn_radps2: float = 6.0
-    """Angular acceleration and deceleration [rad/s²]."""
 
 
 def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:

@@ -30,14 +30,13 @@ BATCH_FRAMES = 10
 
 @dataclass(frozen=True)
 class Completion:
-    """Completion of the true surface."""
+    """Completion of the true surface: the share of its samples nearer than 5 cm to a depth point [%], the same among
+    the observable ones (None if these are not known), and their mean distance to the nearest, each capped at 1 m [cm].
+    """
 
     ratio_percent: float
-    """Share of the samples nearer than 5 cm to a depth point [%]."""
     completion_cm: float
-    """Mean distance of the samples to the nearest depth point, each capped at 1 m [cm]."""
     observable_ratio_percent: float | None
-    """The ratio among the observable samples alone [%]; None if these are not known."""
 
 
 class Coverage:

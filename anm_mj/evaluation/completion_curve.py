@@ -31,7 +31,6 @@ class CurveRow:
     observable_ratio: float | None
     """Completion ratio of the observable surface [%]; None if that is not known."""
     path_m: float
-    """Driven distance [m]."""
     position_error_cm: float | None = None
     """Distance between the believed and the true place of the base [cm]; None where the pose is exact or not known."""
     heading_error_deg: float | None = None

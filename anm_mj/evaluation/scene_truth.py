@@ -11,13 +11,11 @@ from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 
 @dataclass(frozen=True)
 class SceneTruth:
-    """The true scene, for policies whose registry entry says ``needs_truth``."""
+    """The true scene, for policies whose registry entry says ``needs_truth``: the surface with its observable part,
+    where the robot can get to, the camera on it, and the steps of the run.
+    """
 
     surface: GroundTruth
-    """The true surface, with its observable part."""
     reachable: ReachableArea
-    """Where the robot can get to."""
     camera: CameraExtrinsics
-    """The camera on the robot."""
     budget_steps: int
-    """Steps of the run."""

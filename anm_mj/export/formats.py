@@ -22,7 +22,6 @@ class Format:
     function: str
     """``module.function`` of this package: ``(run, folder) -> paths``."""
     words: str
-    """What it writes."""
     long: bool = False
     """Whether the function also takes ``on_progress``."""
     package: str = ""

@@ -47,15 +47,14 @@ def sample_triangles(
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """A scene's true surface and the samples for completion."""
+    """A scene's true surface and area-weighted samples of it for completion, world [m]; ``observable`` are those that
+    can be seen from the reachable area, None if that is not known.
+    """
 
     samples: Float32[np.ndarray, "n 3"]
-    """Area-weighted samples of the surface, world [m]."""
     vertices: Float32[np.ndarray, "v 3"]
-    """World [m]."""
     faces: Int32[np.ndarray, "f 3"]
     observable: Bool[np.ndarray, " n"] | None = None
-    """Which samples are observable from the reachable area; None if not known."""
 
     @classmethod
     def sample(

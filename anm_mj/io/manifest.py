@@ -48,7 +48,6 @@ class RunFacts:
     sensor: str
     """Name of the sensor whose errors were simulated."""
     people: int = 0
-    """Number of people in the scene."""
     continued_from: dict[str, Any] | None = None
     """The run that this one goes on from: its folder (``run``), the ``scene_hash`` of its scene, and the number of
     ``frames`` of it and of those that it went on from. None for a run that began with nothing."""

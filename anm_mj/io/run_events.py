@@ -48,22 +48,20 @@ class Surveying:
 
 @dataclass(frozen=True)
 class Started:
-    """The loop is about to begin, or to go on."""
+    """The loop is about to begin, or to go on, with a budget of ``num_steps``."""
 
     folder: Path
-    """The run folder."""
     num_steps: int
-    """The budget."""
     completed: Callable[[], Completed | None]
     """How complete the run is, as far as that is computed; None before the first figure."""
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """A frame of a recorded sequence was taken into the map."""
+    """A frame of a recorded sequence was taken into the map; ``plan`` is where the policy would have gone, if it is
+    asked.
+    """
 
     observation: Observation
     mapper: Mapper
-    """The map, as of now."""
     plan: Plan | None
-    """Where the policy would have gone; None where it is not asked."""

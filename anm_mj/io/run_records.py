@@ -12,18 +12,14 @@ from anm_mj.types import Action, Pose2, WheelSpeeds
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """One observation of a run."""
+    """One observation of a run: poses of the robot and of its camera, as they were believed, and the true ones."""
 
     step: int
     time_s: float
     pose: Pose2
-    """Believed pose of the robot."""
     T_world_camera: Float[np.ndarray, "4 4"]
-    """Believed pose of its camera."""
     true_pose: Pose2
-    """True pose of the robot."""
     T_true_camera: Float[np.ndarray, "4 4"]
-    """True pose of its camera."""
     is_lost: bool = False
     """Whether localisation did not know the pose."""
     is_mapped: bool = True

@@ -57,15 +57,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Frames of a recording that are not read."""
+    """Frames that are not read: ``frames`` out of ``of``, because ``why``; ``bad`` of them are a fault, None = all."""
 
     frames: int
     of: int
-    """So many could be there."""
     why: str
-    """Follows "because"."""
     bad: int | None = None
-    """So many of them are a fault; None = all."""
 
 
 @dataclass(frozen=True)

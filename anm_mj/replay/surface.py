@@ -56,7 +56,7 @@ def growing_mesh(
     if not run.folder.mesh.is_file():
         return None
     vertices, faces, rgb = _of_faces(
-        *read_coloured_mesh(run.folder.mesh), lambda points_m, faces: (points_m[faces, 2] < CEILING_CUT_M).all(axis=1)
+        *read_coloured_mesh(run.folder.mesh), lambda points_m, faces: np.all(points_m[faces, 2] < CEILING_CUT_M, axis=1)
     )
     vertices, faces, rgb = _of_faces(vertices, faces, rgb, without_shards)
     size_m = 0.05

@@ -16,18 +16,15 @@ MAX_ASIDE_M = 2.0
 
 
 class CameraPose(NamedTuple):
-    """Where a camera is mounted that the robot's file lacks."""
+    """Where a camera is mounted that the robot's file lacks, in the base frame: x forward, y to the left, z above the
+    floor; pitched downwards from the horizontal, with a vertical field of view.
+    """
 
     x_m: float
-    """In the base frame, forward [m]."""
     y_m: float
-    """In the base frame, to the left [m]."""
     z_m: float
-    """Above the floor [m]."""
     pitch_deg: float
-    """Downwards from the horizontal [deg]."""
     fovy_deg: float
-    """Vertical field of view [deg]."""
 
 
 @dataclass(frozen=True)

@@ -20,16 +20,14 @@ POINTS = 200
 
 
 class Planes(NamedTuple):
-    """Surfaces at pixels."""
+    """Surfaces at pixels: planar depth, NaN where there is none; unit normals towards the camera; cosine of normal and
+    ray, times the length of the ray at a depth of 1; expected standard deviation of depth.
+    """
 
     depth_m: Float32[np.ndarray, "d n"]
-    """Planar; NaN where there is none."""
     normal: Float32[np.ndarray, "d n 3"]
-    """Unit normals, towards the camera."""
     cosine: Float32[np.ndarray, "d n"]
-    """Of normal and ray, times the length of the ray at a depth of 1."""
     deviation_m: Float32[np.ndarray, "d n"]
-    """Expected standard deviation of depth."""
 
 
 class Images:

@@ -28,23 +28,20 @@ _BEND = 0.03
 
 @dataclass(frozen=True)
 class View:
-    """One reduced frame."""
+    """One reduced frame: the inverse of its stated depth [1/m], NaN where nothing was measured or at an edge; grey
+    values in [0, 1], and how much they change at and beside a pixel, as its rank among all pixels in [0, 1]; rows and
+    columns of the nearer side of steps in depth, with the inverse depth there [1/m]; the standard deviation of inverse
+    depth [1/m].
+    """
 
     index: int
-    """Of the frame in the sequence."""
     time_s: float
     inverse_m: Float32[np.ndarray, "h w"]
-    """Inverse of the stated depth [1/m]; NaN where nothing was measured, or at an edge."""
     grey: Float32[np.ndarray, "h w"]
-    """In [0, 1]."""
     steep: Float32[np.ndarray, "h w"]
-    """How much grey values change at and beside a pixel, as its rank among all pixels in [0, 1]."""
     rim: Int64[np.ndarray, "e 2"]
-    """Rows and columns of the nearer side of steps in depth."""
     rim_inverse_m: Float32[np.ndarray, " e"]
-    """Inverse of the stated depth there [1/m]."""
     noise: float
-    """Standard deviation of the inverse depth [1/m]."""
 
 
 def reduced_view(index: int, observation: Observation) -> View:

@@ -28,14 +28,11 @@ CLEARANCE_COST_STEPS = 400.0
 
 @dataclass(frozen=True)
 class DiscretePath:
-    """Straight legs in a row: turn to a heading, then move."""
+    """Straight legs in a row: turn to a heading, then make so many moves; the last one ends at ``end_m``."""
 
     yaws: tuple[int, ...]
-    """Heading of each leg."""
     moves: tuple[int, ...]
-    """Moves of each leg."""
     end_m: Float[np.ndarray, "2"]
-    """Where the path ends [m]."""
 
 
 def direction(yaw: int, yaw_rad: float) -> Float[np.ndarray, "2"]:

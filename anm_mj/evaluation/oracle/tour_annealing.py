@@ -50,29 +50,23 @@ MAX_STOPS = 300
 
 @dataclass(frozen=True)
 class Task:
-    """Start and goal of a tour."""
+    """Start and goal of a tour: ``seen`` are covered already, ``samples`` is how many the first, greedy tour covers
+    with them.
+    """
 
     place: int
-    """Start place."""
     yaw: int
-    """Start yaw."""
     seen: UInt64[np.ndarray, " words"]
-    """Samples covered already."""
     samples: int
-    """Samples that the first, greedy tour covers, those covered already included."""
     measure: Measure
-    """What the tour is for."""
 
 
 class TourCoverage(NamedTuple):
-    """What a tour covers."""
+    """What a tour covers: steps and samples after each segment, and the samples at the end as bits."""
 
     steps: Int[np.ndarray, " k"]
-    """Steps after each segment."""
     samples: Int[np.ndarray, " k"]
-    """Samples covered by then."""
     final: UInt64[np.ndarray, " words"]
-    """The samples covered at the end, as bits."""
     num_stops: int
     """Stops that begin within the budget; the others count for nothing."""
 

@@ -19,14 +19,12 @@ EARLY_WEIGHT = 0.05
 
 @dataclass(frozen=True)
 class Measure:
-    """What is to be made small."""
+    """What is to be made small: what of ``num_samples`` is not covered within ``budget`` steps."""
 
     name: str
     """One of ``MEASURES``."""
     budget: int
-    """Steps that count."""
     num_samples: int
-    """Samples that could be covered."""
 
     def cost(self, steps: Int[np.ndarray, " k"], covered: Int[np.ndarray, " k"]) -> float:
         """Mean share of uncovered samples times the budget [steps]: over the budget, or at its end.
