@@ -87,10 +87,7 @@ class Parts:
 @contextmanager
 def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: PriorRun | None = None) -> Iterator[Parts]:
     """Put a run together; the robot is closed at the end. ``observers`` hear of the search for the observable surface;
-    ``prior`` None = it begins with nothing, or with a checkpoint.
-
-    Raises:
-        AnmError: see :func:`run`.
+    ``prior`` None = it begins with nothing, or with a checkpoint. Raises AnmError as :func:`run` does.
     """
     scene = load_scene(config.scene)
     steps = config.steps or default_steps(scene, config.budget)

@@ -68,10 +68,8 @@ class BaseServo:
         """Set the problem up for a base that keeps ``min_distance_m`` from obstacles [m].
 
         ``period_s`` is the time between two calls [s]; ``max_speeds`` are the highest speeds of the left and the right
-        wheel [rad/s], or of a holonomic base along x and y [m/s] and its highest turn rate [rad/s].
-
-        Raises:
-            RobotError: if mink drops an obstacle.
+        wheel [rad/s], or of a holonomic base along x and y [m/s] and its highest turn rate [rad/s]. Raises RobotError
+        if mink drops an obstacle.
         """
         spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
         if obstacles:

@@ -68,11 +68,8 @@ class RobotPhysics(control.Physics):
     def place(self, scene: Scene, pose: Pose2, seed: int) -> None:
         """Reset the simulation to time 0 with the robot at rest at a pose; another scene than before is loaded first.
 
-        ``seed`` is that of the sensor's errors.
-
-        Raises:
-            SceneError: if the scene cannot be built, or the robot does not fit at the pose.
-            RenderError: if no GL back-end works.
+        ``seed`` is that of the sensor's errors. Raises SceneError if the scene cannot be built, or the robot does not
+        fit at the pose, and RenderError if no GL back-end works.
         """
         if self._robot is not None and scene is self._scene:
             self._robot.restart(pose, seed=seed)

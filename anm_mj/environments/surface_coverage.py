@@ -99,10 +99,8 @@ def observable_surface(scene: Scene, footprint: Footprint, view: Observation, st
     """The samples that are visible from the robot's reachable area about ``start``, or all samples without Embree.
 
     The first call per scene and robot takes seconds; the user's cache folder keeps the result. ``view``, any view with
-    true poses, tells the camera's pose on the robot.
-
-    Raises:
-        SceneError: the scene has no surface, or too little floor.
+    true poses, tells the camera's pose on the robot. Raises SceneError if the scene has no surface, or too little
+    floor.
     """
     fov_y_rad = 2.0 * math.atan(view.intrinsics.height / 2.0 / view.intrinsics.fy)
     width = round(_RUN_PX * view.intrinsics.width / view.intrinsics.height)

@@ -24,9 +24,7 @@ def covered_before(run: Run, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
 
     What a run before this one covered is known by its samples alone. Where the scene has changed between the two, the
     distance to the nearest covered sample stands for that to its depth point, and is too large by no more than that.
-
-    Raises:
-        RunFolderError: A depth image is missing or damaged.
+    Raises RunFolderError if a depth image is missing or damaged.
     """
     coverage = Coverage(truth.samples)
     for points in true_clouds(run):

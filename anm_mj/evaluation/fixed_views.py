@@ -46,11 +46,7 @@ def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> list[Observation]:
     """The fixed views of a scene by the camera of the default robot without errors, kept in the user's cache.
 
     Planar depth is rounded to millimetres, and NaN where there is no surface within 65 m. A smaller number gives the
-    first ones of a larger.
-
-    Raises:
-        SceneError: There is next to no floor.
-        RenderError: No GL back-end works.
+    first ones of a larger. Raises SceneError if there is next to no floor, and RenderError if no GL back-end works.
     """
     path = cache_folder("fixed_views") / f"{_key(scene, num_views)}.npz"
     arrays = _load(path)

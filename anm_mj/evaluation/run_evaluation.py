@@ -183,11 +183,8 @@ def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> 
 def completion_with_halved_intrinsics(path: Path) -> Completion:
     """Completion at the end of a run, back-projected as by the paper's code.
 
-    See :func:`~anm_mj.ground_truth.reduced_depth.halved_intrinsics`. For images of 128 x 128 pixels it equals the
-    run's own.
-
-    Raises:
-        RunFolderError: The folder is no run, or a file in it is damaged.
+    See :func:`~anm_mj.ground_truth.reduced_depth.halved_intrinsics`. For images of 128 x 128 pixels it equals the run's
+    own. Raises RunFolderError if the folder is no run, or a file in it is damaged.
     """
     run = read_run(path)
     truth = GroundTruth.load(run.folder.ground_truth)

@@ -96,10 +96,8 @@ def export_geojson(run: Run, out: Path) -> list[Path]:
 def export_route(run: Run, out: Path) -> list[Path]:
     """``route.geojson``: the Voronoi graph as nav2's route server loads it, each edge in both directions.
 
-    Edges cost their length [m]. Vertices that no edge reaches are left out.
-
-    Raises:
-        RunFolderError: The run has no graph, the graph has no edge, or the file cannot be written.
+    Edges cost their length [m]. Vertices that no edge reaches are left out. Raises RunFolderError if the run has no
+    graph, the graph has no edge, or the file cannot be written.
     """
     graph = _graph_of(run)
     if not len(graph.edges):

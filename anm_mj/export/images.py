@@ -29,10 +29,8 @@ DEPTH_PIXELS = "first of each block"
 def export_nerfstudio(run: Run, out: Path) -> list[Path]:
     """``nerfstudio/``: ``transforms.json``, ``images/``, ``depth/`` [mm] and ``points.ply``.
 
-    Camera axes are those of OpenGL (x right, y up, z backward), as nerfstudio has them.
-
-    Raises:
-        RunFolderError: The run kept no images, or the files cannot be written.
+    Camera axes are those of OpenGL (x right, y up, z backward), as nerfstudio has them. Raises RunFolderError if the
+    run kept no images, or the files cannot be written.
     """
     folder = out / "nerfstudio"
     camera = _with_images(run, folder / "images")
@@ -64,9 +62,7 @@ def export_colmap(run: Run, out: Path) -> list[Path]:
     """``colmap/``: ``images/`` and ``sparse/0/`` with ``cameras.txt``, ``images.txt`` and ``points3D.txt``.
 
     Poses map the world to the camera (x right, y down, z forward); the points are vertices of the mesh, without tracks.
-
-    Raises:
-        RunFolderError: The run kept no images, or the files cannot be written.
+    Raises RunFolderError if the run kept no images, or the files cannot be written.
     """
     folder = out / "colmap"
     camera = _with_images(run, folder / "images")

@@ -38,9 +38,7 @@ def export_rosbag(run: Run, out: Path, on_progress: Progress = unheard) -> list[
     ``/camera/color/image_raw/compressed``, ``/camera/color/camera_info``, ``/camera/depth/image_raw`` (16UC1,
     millimetres), ``/camera/depth/camera_info``, ``/plan``, and at the end ``/map`` and ``/surface``. Poses are those
     that the robot believed, so ``odom`` lies where ``map`` does. ``/tf_static``, ``/map`` and ``/surface`` are latched.
-
-    Raises:
-        RunFolderError: The package rosbags is missing, a file of the run is damaged, or the bag cannot be written.
+    Raises RunFolderError if the package rosbags is missing, a file of the run is damaged, or the bag cannot be written.
     """
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer

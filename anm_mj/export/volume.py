@@ -26,11 +26,8 @@ def export_sdf(run: Run, out: Path, on_progress: Progress = unheard) -> list[Pat
     """``sdf.npz``: ``sdf_m`` (layers, rows, cols) float32, ``state``, ``origin_m``, ``spacing_m``, ``truncation_m``.
 
     ``sdf_m[k, i, j]`` is the signed distance at ``origin_m + spacing_m * (j, i, k)`` [m], positive in free space, cut
-    off at the truncation, NaN where nothing was observed. ``state`` is 0 free, 1 occupied, -1 unknown.
-
-    Raises:
-        RunFolderError: The run has no map, or the file cannot be written.
-        MapError: The map cannot be read.
+    off at the truncation, NaN where nothing was observed. ``state`` is 0 free, 1 occupied, -1 unknown. Raises
+    RunFolderError if the run has no map, or the file cannot be written, and MapError if the map cannot be read.
     """
     volume = _volume(run, on_progress)
     path = out / "sdf.npz"
@@ -43,10 +40,8 @@ def export_esdf(run: Run, out: Path, on_progress: Progress = unheard) -> list[Pa
     """``esdf.npz``: ``esdf_m`` (rows, cols) float32 at ``height_m``, ``origin_xy_m``, ``spacing_m``.
 
     The distance in space to the nearest occupied voxel, not cut off; negative inside, NaN where nothing was observed.
-
-    Raises:
-        RunFolderError: The run has no map, its map no obstacle, or the file cannot be written.
-        MapError: The map cannot be read.
+    Raises RunFolderError if the run has no map, its map no obstacle, or the file cannot be written, and MapError if the
+    map cannot be read.
     """
     volume = _volume(run, on_progress)
     occupied = volume.sdf_m < 0.0

@@ -60,10 +60,8 @@ class LensDistortion:
     def of(cls, model: str, coefficients: Sequence[float], source: str = "by its files") -> LensDistortion | None:
         """The distortion of a model by name; missing coefficients are 0. None where there is none.
 
-        A fisheye lens has some even where its coefficients are 0: it images angles, not their tangents.
-
-        Raises:
-            ValueError: the model is unknown, has fewer coefficients, or one of them is not finite.
+        A fisheye lens has some even where its coefficients are 0: it images angles, not their tangents. Raises
+        ValueError if the model is unknown, has fewer coefficients, or one of them is not finite.
         """
         name = _ALIASES.get(model.lower(), model.lower())
         values = tuple(float(value) for value in coefficients)

@@ -44,10 +44,7 @@ def cached_ground_truth(
 
     The samples of a scene do not depend on a run's seed, so runs differ by their frames alone. Without Embree the
     observable part stays unknown, and a warning says so. ``on_progress`` is called with done and total rounds of the
-    search, unless the answer is cached.
-
-    Raises:
-        SceneError: The scene has no surface, or next to no floor.
+    search, unless the answer is cached. Raises SceneError if the scene has no surface, or next to no floor.
     """
     truth = GroundTruth.sample(*scene.triangles(), num_samples)
     if not embree_installed():

@@ -25,10 +25,8 @@ def sample_triangles(
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
     """Uniform samples of a surface and the face each lies on.
 
-    Source: Osada et al., Shape Distributions, ACM Transactions on Graphics 21(4), 2002, section 4.1.
-
-    Raises:
-        SceneError: The surface has no area.
+    Source: Osada et al., Shape Distributions, ACM Transactions on Graphics 21(4), 2002, section 4.1. Raises SceneError
+    if the surface has no area.
     """
     corners = vertices.astype(np.float64)[faces]
     edge_a, edge_b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -32,10 +32,8 @@ def files_in(folder: Path) -> list[Path]:
 def readable_parts(path: Path) -> list[Path | CutMcap]:
     """What the package rosbags is to open: the folder where its metadata are whole, else each file.
 
-    Warnings tell of missing metadata and of files that end in the middle.
-
-    Raises:
-        OSError, ValueError: a file cannot be read, is no regular file, or is damaged before its end.
+    Warnings tell of missing metadata and of files that end in the middle. Raises OSError or ValueError if a file cannot
+    be read, is no regular file, or is damaged before its end.
     """
     # The package would wait for a FIFO.
     for file in sorted(path.iterdir()) if path.is_dir() else (path,):

@@ -24,10 +24,8 @@ _LARGEST = 1e12
 def read_curve(path: Path) -> dict[str, Float[np.ndarray, " n"]]:
     """The columns of ``curve.csv``; NaN where nothing is known, and no rows where there is no file.
 
-    An incomplete last row, as a killed run leaves it, is skipped.
-
-    Raises:
-        RunFolderError: The file cannot be read, or holds no curve.
+    An incomplete last row, as a killed run leaves it, is skipped. Raises RunFolderError if the file cannot be read, or
+    holds no curve.
     """
     if not path.is_file():
         return {name: np.zeros(0) for name in COLUMNS}

@@ -70,10 +70,8 @@ class _Open3dCamera(Struct):
 def read_open3d(folder: Path) -> Sequence:
     """The frames of Open3D's reconstruction system: ``trajectory.log``, ``color/`` or the like, and ``depth/``.
 
-    The camera is that of ``camera_intrinsic.json`` or of another file with ``intrinsic`` in its name.
-
-    Raises:
-        OSError, ValueError, RunFolderError: the camera or the poses are damaged, or no frame is whole.
+    The camera is that of ``camera_intrinsic.json`` or of another file with ``intrinsic`` in its name. Raises OSError,
+    ValueError or RunFolderError if the camera or the poses are damaged, or no frame is whole.
     """
     log = folder / "trajectory.log"
     log = log if log.exists() else folder / "scene" / log.name

@@ -45,10 +45,8 @@ def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 
 
 
 def read_coloured_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], UInt8[np.ndarray, "v 3"]]:
-    """Vertices (world [m]), faces and the vertices' colours of a mesh file; grey where it has none.
-
-    Raises:
-        RunFolderError: as :func:`read_mesh`.
+    """Vertices (world [m]), faces and the vertices' colours of a mesh file; grey where it has none. Raises
+    RunFolderError as :func:`read_mesh`.
     """
     from trimesh.visual.color import to_rgba  # No run waits for it before its first step.
 

@@ -88,10 +88,8 @@ class _PolycamCamera(Struct):
 def read_polycam(folder: Path) -> Sequence:
     """Polycam's raw data: ``keyframes/`` with ``cameras/``, ``images/``, ``depth/`` and ``confidence/``.
 
-    Cameras and images that the app corrected after the scan are taken instead, where they are there.
-
-    Raises:
-        OSError, ValueError, RunFolderError: a camera is damaged, or no frame is whole.
+    Cameras and images that the app corrected after the scan are taken instead, where they are there. Raises OSError,
+    ValueError or RunFolderError if a camera is damaged, or no frame is whole.
     """
     place = folder / "keyframes"
     prefix = "corrected_" if any((place / "corrected_cameras").glob("*.json")) else ""

@@ -67,10 +67,8 @@ def read_icl(folder: Path, *, max_gap_s: float) -> Sequence:
     """ICL-NUIM as TUM's tools read it: ``associations.txt``, ``depth/``, ``rgb/`` and a file ``*.gt.freiburg``.
 
     Its world is left-handed, as its camera is; here, it is mirrored along x. Poses are interpolated between two that
-    lie no farther apart than ``max_gap_s``.
-
-    Raises:
-        OSError, ValueError, RunFolderError: a list is damaged, or no frame is whole.
+    lie no farther apart than ``max_gap_s``. Raises OSError, ValueError or RunFolderError if a list is damaged, or no
+    frame is whole.
     """
     lines = number_rows(sorted(folder.glob("*.gt.freiburg"))[0])
     if lines.shape[1] != 8:

@@ -24,10 +24,7 @@ def first_seen(
     """Index of the frame that first saw each vertex; a vertex that none saw takes that of its nearest neighbour.
 
     In a continued run, what none of its frames saw was there from the start. Depth and believed poses of the run are
-    read.
-
-    Raises:
-        RunFolderError: A depth image is missing or damaged.
+    read. Raises RunFolderError if a depth image is missing or damaged.
     """
     points = np.asarray(vertices_m, np.float32)
     first = np.full(len(points), -1)

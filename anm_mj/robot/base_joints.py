@@ -27,10 +27,8 @@ class SimulatedBase:
     ):
         """Look the joints of a robot, alone or in a scene, up by name; ``prefix`` precedes its names there.
 
-        Without ``robot`` it is a reduced model (:mod:`anm_mj.robot.reduced_model`), whose root body is the base.
-
-        Raises:
-            RobotError: if a joint is missing, or the base has no free joint.
+        Without ``robot`` it is a reduced model (:mod:`anm_mj.robot.reduced_model`), whose root body is the base. Raises
+        RobotError if a joint is missing, or the base has no free joint.
         """
         base_joint, wheel_joints = (robot.base_joints[0], robot.wheel_joints) if robot else (BASE_JOINT, WHEEL_JOINTS)
         self._data = data

@@ -41,10 +41,8 @@ def camera_heading(model: mujoco.MjModel, data: mujoco.MjData, config: RobotConf
 def find_camera(robot: CompiledRobot, config: RobotConfig, root: str, T_world_base: Float[np.ndarray, "4 4"]) -> str:
     """Name of the robot's camera: the one given, the one called ``camera``, the only one, or the first that fits.
 
-    One that fits looks forward and is no camera of an arm or hand; colour cameras come before depth cameras.
-
-    Raises:
-        RobotError: if there is none, it is unclear which, or it is not on the robot.
+    One that fits looks forward and is no camera of an arm or hand; colour cameras come before depth cameras. Raises
+    RobotError if there is none, it is unclear which, or it is not on the robot.
     """
     model, data, root_id = robot.model, robot.data, robot.model.body(root).id
     cameras = _fixed_cameras(model)
@@ -95,10 +93,8 @@ def aside_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
 def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, wheels: str, path: Path) -> None:
     """Accept a camera that looks forward and no more than 45 degrees up or down.
 
-    Camera axes are x right, y down, z forward; ``wheels`` says in words what sets the forward direction.
-
-    Raises:
-        RobotError: it does not, or it is below the floor, above all rooms or far from the robot.
+    Camera axes are x right, y down, z forward; ``wheels`` says in words what sets the forward direction. Raises
+    RobotError if it does not, or it is below the floor, above all rooms or far from the robot.
     """
     tilt, aside = tilt_deg(T_base_camera), aside_deg(T_base_camera)
     if abs(tilt) > MAX_TILT_DEG + _ROUNDING_DEG:

@@ -25,10 +25,7 @@ def let_casters_slide(
     """Remove the friction of caster geoms, whatever the friction of the floor; what was changed besides.
 
     Suspensions are locked, so a caster that reaches below the wheels would lift them. A small sphere that ends on the
-    floor replaces its contact.
-
-    Raises:
-        RobotError: something reaches far below the wheels.
+    floor replaces its contact. Raises RobotError if something reaches far below the wheels.
     """
     spec, model, data, shortened = robot.spec, robot.model, robot.data, []
     for caster in casters:

@@ -117,10 +117,7 @@ def describe_robot(
 
     ``config`` says how where the file leaves that open, ``camera`` what differs from its camera, and ``image_px`` the
     width and height of its image where ``camera`` does not [px]. ``given`` is what another reader made of the file; it
-    is changed.
-
-    Raises:
-        RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
+    is changed. Raises RobotError if the file cannot be read, lacks a part, or does not move over a floor.
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
     try:

@@ -47,10 +47,8 @@ def find_drive_joints(
 
     Names given in the configuration count first, then the names of the joints, then which actuated hinges stand on the
     floor. All bodies and joints of the model are named; ``ahead`` is the horizontal direction of the robot's camera in
-    the world, None = unknown.
-
-    Raises:
-        RobotError: if the file has no such parts, too many driven wheels, or parts of several robots.
+    the world, None = unknown. Raises RobotError if the file has no such parts, too many driven wheels, or parts of
+    several robots.
     """
     joints = [model.joint(j).name for j in range(model.njnt)]
     given = [

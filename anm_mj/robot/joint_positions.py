@@ -23,10 +23,8 @@ def at_key_frame(model: mujoco.MjModel, wanted: str, path: Path) -> tuple[mujoco
     """The state at a key frame, with all poses up to date, and the key frame's name.
 
     Free joints stay at their reference. Without a wanted key frame, the first usual one of the file counts; without
-    that, the reference positions, and the name is empty.
-
-    Raises:
-        RobotError: if the file has no key frame of the wanted name.
+    that, the reference positions, and the name is empty. Raises RobotError if the file has no key frame of the wanted
+    name.
     """
     data = mujoco.MjData(model)
     known = [model.key(k).name for k in range(model.nkey)]

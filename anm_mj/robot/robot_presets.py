@@ -91,10 +91,7 @@ def robot_path(name_or_file: str) -> Path:
     """The MJCF file of a robot, by its path or by name.
 
     A named robot is looked for in the folders of ``ANM_MJ_ROBOTS``, then among those of this package, then fetched by
-    the package robot_descriptions.
-
-    Raises:
-        RobotError: if there is none, with what to install or to give.
+    the package robot_descriptions. Raises RobotError if there is none, with what to install or to give.
     """
     preset = _preset(name_or_file)
     name = preset.name if preset else name_or_file

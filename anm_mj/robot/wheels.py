@@ -74,10 +74,8 @@ def base_frame(
 ) -> tuple[Float[np.ndarray, "4 4"], float, tuple[float, ...]]:
     """``T_world_base`` (on the floor in the middle of the wheels, x forward), the track [m], and each hinge's sign.
 
-    Signs are those of the left wheels, then of the right ones.
-
-    Raises:
-        RobotError: if the wheels' axles are not parallel and level, or two wheels do not share one axle.
+    Signs are those of the left wheels, then of the right ones. Raises RobotError if the wheels' axles are not parallel
+    and level, or two wheels do not share one axle.
     """
     left, right = (np.mean([wheel.centre_m for wheel in side], axis=0) for side in (lefts, rights))
     across = left - right

@@ -76,11 +76,8 @@ def build_model(
     A copy of ``robot`` (one root body with a free joint or planar joints) is attached, its names behind ``prefix``.
     ``robot_name`` stands in messages, ``robot_hash`` in the name under which the user's cache folder keeps the models
     of large scenes. The collision boxes are those that a robot ``top_m`` high meets [m]; None = those of the scene's
-    file. ``add`` puts more into the scene, and ``added`` names all that it depends on.
-
-    Raises:
-        SceneError: if the scene cannot be read or compiled.
-        RobotError: if the scene compiles alone, but not with the robot.
+    file. ``add`` puts more into the scene, and ``added`` names all that it depends on. Raises SceneError if the scene
+    cannot be read or compiled, and RobotError if the scene compiles alone, but not with the robot.
     """
     other_boxes = top_m is not None and needs_other_boxes(top_m)
 

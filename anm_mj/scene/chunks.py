@@ -25,10 +25,7 @@ def cut_into_chunks(spec: mujoco.MjSpec) -> None:
     """Replace every visual mesh that never moves by one chunk per cell that holds triangles of it.
 
     A triangle belongs to the cell of its centre. Each triangle is drawn once, and chunks reach a little beyond their
-    cells.
-
-    Raises:
-        OSError: if a mesh file cannot be read.
+    cells. Raises OSError if a mesh file cannot be read.
     """
     assets = Path(spec.modelfiledir) / spec.meshdir
     visual = [geom for geom in spec.worldbody.geoms if geom.group == VISUAL_GROUP and geom.meshname]

@@ -73,10 +73,8 @@ def navigable_area(
     """Where an upright cylinder can stand on a floor at z = 0 among triangles in the world.
 
     The floor is whatever lies level at z = 0 among triangles and obstacles. Obstacles are the triangles themselves
-    unless given. Distances between cell centres are exact to one cell; :func:`is_clear` is exact.
-
-    Raises:
-        SceneError: if there is hardly such a place.
+    unless given. Distances between cell centres are exact to one cell; :func:`is_clear` is exact. Raises SceneError if
+    there is hardly such a place.
     """
     if obstacles_m is None:
         obstacles_m = triangles_m

@@ -15,10 +15,8 @@ from anm_mj.errors import SceneError
 class Submesh:
     """Triangles that share one material, in the world (z up, floor at z = 0) [m].
 
-    Submeshes are unlit: the camera sees the texture times ``rgb``, or ``rgb`` alone.
-
-    Raises:
-        SceneError: if vertices are not finite, a face index is out of range, or a texture has no ``uv``.
+    Submeshes are unlit: the camera sees the texture times ``rgb``, or ``rgb`` alone. Raises SceneError if vertices are
+    not finite, a face index is out of range, or a texture has no ``uv``.
     """
 
     name: str

@@ -26,10 +26,8 @@ def make_camera(
 ) -> Camera:
     """A camera of the kind that ``camera_kind`` chooses; other arguments as for :class:`Camera`.
 
-    ``cull_face`` skips back faces, with GL only; ``backend`` is the selected GL back-end.
-
-    Raises:
-        RenderError: if there is no such camera, or GL has stopped working.
+    ``cull_face`` skips back faces, with GL only; ``backend`` is the selected GL back-end. Raises RenderError if there
+    is no such camera, or GL has stopped working.
     """
     kind = camera_kind(model, backend)
     _logger.debug("camera: %s", kind)

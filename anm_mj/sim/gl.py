@@ -56,10 +56,8 @@ def select_backend() -> GlBackend:
     only the first call takes seconds.
 
     If none works, MUJOCO_GL becomes "off": simulation still works, and ray casting renders the images. One warning
-    names the failed back-ends, their errors and the remedy.
-
-    Raises:
-        RenderError: if the user's back-end does not work, or mujoco was imported earlier with one that does not.
+    names the failed back-ends, their errors and the remedy. Raises RenderError if the user's back-end does not work, or
+    mujoco was imported earlier with one that does not.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
@@ -101,10 +99,8 @@ def select_backend() -> GlBackend:
 def require_unforked() -> None:
     """Register this process as a user of GL, unless it was forked from one.
 
-    A forked process lacks GL's threads and connections, so its first image would never finish.
-
-    Raises:
-        RenderError: if the parent of this forked process has called this function.
+    A forked process lacks GL's threads and connections, so its first image would never finish. Raises RenderError if
+    the parent of this forked process has called this function.
     """
     global _gl_process
     if _gl_process is None:

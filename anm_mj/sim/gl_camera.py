@@ -45,10 +45,8 @@ class GlCamera(Camera):
 
         ``cull_face`` skips back faces: a third faster, but single-sided walls become transparent from behind.
         ``cull_hidden`` skips meshes that are out of view or occluded, with bit-identical images; None: only for models
-        with enough triangles to save time. Other arguments as for :class:`Camera`.
-
-        Raises:
-            RenderError: if there is no such camera, or GL cannot render.
+        with enough triangles to save time. Other arguments as for :class:`Camera`. Raises RenderError if there is no
+        such camera, or GL cannot render.
         """
         super().__init__(model, camera_name, width, height)
         self._rect = mujoco.MjrRect(0, 0, width, height)

@@ -20,10 +20,7 @@ _logger = logging.getLogger(__name__)
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; the file written there replaces ``path`` if the block succeeds.
 
-    Other processes, and a killed run, never see half a file.
-
-    Raises:
-        OSError: The folder cannot be written.
+    Other processes, and a killed run, never see half a file. Raises OSError if the folder cannot be written.
     """
     partial = beside(path)
     with removed_on_error(partial):

@@ -86,11 +86,7 @@ def parse_json(content: bytes | str, parse_constant: Callable[[str], Any] | None
 
 
 def read_json(path: Path) -> Any:
-    """The value in a JSON file.
-
-    Raises:
-        OSError, ValueError: as :func:`read_bytes` and :func:`parse_json`.
-    """
+    """The value in a JSON file. Raises OSError or ValueError as :func:`read_bytes` and :func:`parse_json`."""
     return parse_json(read_bytes(path))
 
 
@@ -109,10 +105,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def convert(value: Any, type_: Any) -> Any:
     """A value of JSON or TOML as a type of msgspec, such as a ``Struct`` or a list of them.
 
-    Keys that the type lacks are ignored.
-
-    Raises:
-        ValueError: The value has another shape; the message names the place.
+    Keys that the type lacks are ignored. Raises ValueError if the value has another shape; the message names the place.
     """
     # Imported here: most commands read nothing that it checks.
     import msgspec

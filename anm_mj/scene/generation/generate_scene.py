@@ -79,10 +79,8 @@ def write_building(
     """Furnish a building, make sure that the robot reaches every room, light it and write it.
 
     ``seed``, 0 or more, decides on all furniture and materials; ``furniture`` false leaves the rooms empty; ``moved``
-    pieces stand elsewhere than without this. Rooms and budget of ``info`` are filled in.
-
-    Raises:
-        SceneError: if fewer pieces can be moved, the robot fits nowhere or the folder cannot be written.
+    pieces stand elsewhere than without this. Rooms and budget of ``info`` are filled in. Raises SceneError if fewer
+    pieces can be moved, the robot fits nowhere or the folder cannot be written.
     """
     interior = _reachable(building, seed, furniture)
     moves: list[Move] = []

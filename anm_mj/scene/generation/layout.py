@@ -30,10 +30,8 @@ _MAX_ATTEMPTS = 20
 def plan_building(rooms: int, seed: int, kind: BuildingKind = "apartment") -> Building:
     """The rooms and doors of a building of 1 to 60 rooms, corridors counted; the same for the same arguments.
 
-    All rooms can be reached; from five rooms on there is at least one loop. ``seed`` is 0 or more.
-
-    Raises:
-        SceneError: if an argument is out of its range.
+    All rooms can be reached; from five rooms on there is at least one loop. ``seed`` is 0 or more. Raises SceneError if
+    an argument is out of its range.
     """
     if not MIN_ROOMS <= rooms <= MAX_ROOMS:
         raise SceneError(f"A building of {rooms} rooms cannot be generated: give {MIN_ROOMS} to {MAX_ROOMS}.")

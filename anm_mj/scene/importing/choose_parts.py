@@ -15,10 +15,8 @@ def chosen(parsed: ParsedScene, only: Sequence[str], leave_out: Sequence[str]) -
     """A scene with the parts that match a pattern of ``only`` (all if there is none) and none of ``leave_out``.
 
     Patterns are those of a shell (``door_*``), in small or capital letters alike. One matches a part by its whole path
-    or by the name of the part or of anything that it belongs to.
-
-    Raises:
-        SceneError: if a pattern matches nothing, or nothing is left.
+    or by the name of the part or of anything that it belongs to. Raises SceneError if a pattern matches nothing, or
+    nothing is left.
     """
     if not only and not leave_out:
         return parsed

@@ -81,10 +81,7 @@ def import_floorplan(
     """Make a scene of a floor plan: walls, doors with lintels, windows and ceilings, furnished by the generator.
 
     Arguments are those of :func:`anm_mj.scene.importing.import_scene.import_scene`; licence and source are by default
-    what the plan says.
-
-    Raises:
-        SceneError: if the plan cannot be used or the folder cannot be written.
+    what the plan says. Raises SceneError if the plan cannot be used or the folder cannot be written.
     """
     check_destination(out)
     form, building, plan = read_floorplan(src)

@@ -21,10 +21,8 @@ _MAX_FILES = 2000
 def folder_of(name_or_path: str) -> str:
     """What names a scene folder for what a user gave: a file, or a data set's scene, is imported first.
 
-    Imported scenes are kept in the user's cache folder, until the file or what lies beside it changes.
-
-    Raises:
-        SceneError: if the file cannot be imported.
+    Imported scenes are kept in the user's cache folder, until the file or what lies beside it changes. Raises
+    SceneError if the file cannot be imported.
     """
     path = Path(name_or_path)
     if is_name(name_or_path):

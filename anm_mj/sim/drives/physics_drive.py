@@ -70,10 +70,8 @@ class PhysicsDrive(WheelDrive):
     ):
         """Arguments are those of :class:`WheelDrive`; sets the model's time step, integrator and friction cone.
 
-        The model's static geoms are the obstacles that the servo keeps clear of.
-
-        Raises:
-            RobotError: if the model lacks a joint, an actuator or a geom of the robot, or mink drops an obstacle.
+        The model's static geoms are the obstacles that the servo keeps clear of. Raises RobotError if the model lacks a
+        joint, an actuator or a geom of the robot, or mink drops an obstacle.
         """
         self._model = model
         self._max_wheel_radps = min(_MAX_WHEEL_RADPS, description.max_wheel_radps)
@@ -168,10 +166,7 @@ class PhysicsDrive(WheelDrive):
 
         The velocity changes at the accelerations of the limits; one beyond the wheels' limits is scaled down along the
         same arc. Afterwards the robot may still move: the next call of ``drive`` continues from there, and an action
-        first brings it to rest.
-
-        Raises:
-            RobotError: if the duration is not positive, or the velocity not finite.
+        first brings it to rest. Raises RobotError if the duration is not positive, or the velocity not finite.
         """
         require_motion(twist, duration_s)
         period_s, wanted = self._period_s, self._saturate(twist)

@@ -110,10 +110,8 @@ def take_passages(
     """Cut the floor about every door's segment out of the rooms, which adjoin there, and make a passage of it.
 
     ``doors_m`` are both ends of every door's opening [m]; a passage is ``depth_m`` long, no more than the walls are
-    thick [m]. Returns the rooms without the passages' floors, and the passages that join two rooms.
-
-    Raises:
-        ValueError: if a door is far from the rooms.
+    thick [m]. Returns the rooms without the passages' floors, and the passages that join two rooms. Raises ValueError
+    if a door is far from the rooms.
     """
     if not (np.abs(doors_m - plan.origin_m) < 2.0 * _MAX_EXTENT_M).all():
         raise ValueError(f"a door lies farther than {_MAX_EXTENT_M:g} m from the rooms")

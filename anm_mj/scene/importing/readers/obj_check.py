@@ -69,10 +69,7 @@ def even_text(src: Path) -> bytes:
     Without byte order mark, tabs, spaces before a line, and lines that go on in the next; with one line of material
     files, vertices counted from 1, and polygons that a fan covers: the library counts negative indices from the end of
     the file, where OBJ counts them from the line that they stand in, and cuts every polygon into a fan about its first
-    corner, which reaches beyond one that is not convex.
-
-    Raises:
-        ValueError: if it cannot be read.
+    corner, which reaches beyond one that is not convex. Raises ValueError if it cannot be read.
     """
     text = read_bytes(src, MAX_MESH_MIB).removeprefix(_BYTE_ORDER_MARK).replace(b"\t", b" ")
     text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")

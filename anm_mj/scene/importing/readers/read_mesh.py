@@ -37,11 +37,7 @@ _HEAD_BYTES = 65536
 
 
 def read_mesh_scene(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-    """A scene in one mesh file of no known data set.
-
-    Raises:
-        SceneError: as :func:`read_mesh`.
-    """
+    """A scene in one mesh file of no known data set. Raises SceneError as :func:`read_mesh`."""
     del model_paths
     return ParsedScene(read_mesh(src, report), source=src.name, up=usual_up(src))
 
@@ -64,10 +60,8 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
 
     JPEG, PNG and WebP textures are decoded and reduced to 1024 px; colours per vertex or face become a texture.
     Transparency is not kept: glass is opaque, as to a depth camera that sees it. A COLLADA file's unit is applied, its
-    up axis is not. The report gets what the file refers to and is missing.
-
-    Raises:
-        SceneError: if the file is missing, of another format, empty, damaged, too large, or holds no triangles.
+    up axis is not. The report gets what the file refers to and is missing. Raises SceneError if the file is missing, of
+    another format, empty, damaged, too large, or holds no triangles.
     """
     import trimesh
 

@@ -35,10 +35,8 @@ _GROUND_PLANE = (
 def read_world(file: Path, places: Places, report: ImportReport) -> tuple[ET.Element, set[str]]:
     """The first world of an SDF file, or its models if it has none, and the names of the model folders that it uses.
 
-    Models that a saved state inserts are among the world's own.
-
-    Raises:
-        SceneError: The file is no SDF, or models include themselves.
+    Models that a saved state inserts are among the world's own. Raises SceneError if the file is no SDF, or models
+    include themselves.
     """
     root = _parse(file)
     if root.tag != "sdf":

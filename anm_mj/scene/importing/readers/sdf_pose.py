@@ -41,10 +41,8 @@ def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) 
 def pose_of(element: ET.Element) -> Transform:
     """The <pose> of an element as T_frame_element; where it states none, the identity.
 
-    It is x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w.
-
-    Raises:
-        SceneError: if it states its rotation in another way, or holds no such numbers.
+    It is x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w. Raises
+    SceneError if it states its rotation in another way, or holds no such numbers.
     """
     pose, matrix = element.find("pose"), np.eye(4)
     rotation_format = "euler_rpy" if pose is None else pose.get("rotation_format", "euler_rpy")

@@ -32,10 +32,7 @@ def shape_submesh(shape: ET.Element, name: str, outlines: Sequence[ET.Element] =
     """The submesh of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape or has no size.
 
     Boxes have texture coordinates from 0 to 1 on every face; ``outlines`` are further <polyline> elements of the same
-    geometry.
-
-    Raises:
-        SceneError: if its measures are no numbers.
+    geometry. Raises SceneError if its measures are no numbers.
     """
     import trimesh
 

@@ -26,10 +26,8 @@ from anm_mj.utils.read_file import read_bytes
 def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) -> list[Submesh]:
     """Submeshes of an object in the frame of its root link [m].
 
-    Meshes may lie in its own folder, up to three above, and in ``folders``.
-
-    Raises:
-        SceneError: if the file is no URDF, a joint names a link that is not there, or a mesh cannot be read.
+    Meshes may lie in its own folder, up to three above, and in ``folders``. Raises SceneError if the file is no URDF, a
+    joint names a link that is not there, or a mesh cannot be read.
     """
     try:
         robot = ET.fromstring(read_bytes(path).lstrip())

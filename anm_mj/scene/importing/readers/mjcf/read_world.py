@@ -60,10 +60,8 @@ def read_mjcf(
     """The world in an MJCF file, at its first key frame or as it is written.
 
     Files that it names may lie in its own folder, those above, and ``model_paths``; the report gets what is left out.
-    The other arguments are those of :func:`anm_mj.scene.importing.import_scene.import_scene`.
-
-    Raises:
-        SceneError: if the file cannot be compiled, or nothing in it is drawn.
+    The other arguments are those of :func:`anm_mj.scene.importing.import_scene.import_scene`. Raises SceneError if the
+    file cannot be compiled, or nothing in it is drawn.
     """
     groups = DRAWN_GROUPS if groups is None else groups
     model = compiled(src, model_paths)
