@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 from anm_mj.cli.option_types import NewFile, Port
@@ -36,7 +36,7 @@ def view(
     from anm_mj.replay.page import pair_page, replay_page
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import write_text
-    from anm_mj.viz.file_server import FIRST_PORT, FileServer
+    from anm_mj.viz.page_server import FIRST_PORT, PageServer
 
     console = PlainConsole()
     timelines = [read_timeline(path) for path in (run, other) if path is not None]
@@ -51,7 +51,7 @@ def view(
             write_text(export_html, page)
         console.say(f"Wrote {export_html} ({len(page) / 1e6:.1f} MB).")
         return 0
-    with FileServer(page.encode(), port or FIRST_PORT) as server:
+    with closing(PageServer(port or FIRST_PORT, page)) as server:
         console.say(f"The replay is at {server.url} (Ctrl-C ends).")
         if not no_browser:
             webbrowser.open(server.url)

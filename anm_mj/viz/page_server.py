@@ -1,4 +1,4 @@
-"""Local web server of the live view: serves meshcat's page and sends it updates.
+"""Local web server of the live view and of a replay: serves a page beside meshcat's files and sends it updates.
 
 meshcat's own server listens on all network interfaces, needs a process and a second port, and queues without bound for
 a slow browser. This one is a thread: it listens on 127.0.0.1 only and keeps the last state of every object, so a late
@@ -21,9 +21,12 @@ from tornado.iostream import IOStream
 from tornado.web import Application, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from anm_mj.errors import RenderError
 from anm_mj.viz.assets import bundle_folder
-from anm_mj.viz.file_server import ADDRESS, FIRST_PORT, first_free
 
+ADDRESS = "127.0.0.1"
+FIRST_PORT = 7000
+PORTS_TRIED = 100
 HOSTS = r"(127\.0\.0\.1|localhost)"
 """Accepted host names; the server rejects foreign names that resolve to this machine (DNS rebinding)."""
 LAST_WORDS_S = 1.0
@@ -60,7 +63,7 @@ class PageServer:
     ) -> None:
         self._page = page
         self.on_word = on_word
-        listening = first_free(first_port, lambda port: socket.create_server((ADDRESS, port)))
+        listening = _listen(first_port)
         listening.setblocking(False)
         self.port: int = listening.getsockname()[1]
         self._lock = threading.Lock()
@@ -104,6 +107,11 @@ class PageServer:
         if self._loop is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(TIMEOUT_S)
+
+    def wait(self) -> None:
+        """Wait until the server is closed, or for Ctrl-C."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
 
     def join(self, browser: _Browser) -> None:
         """Send the whole scene to a new browser; called in the server's thread."""
@@ -154,6 +162,17 @@ class PageServer:
         listening.close()
         await asyncio.gather(*(browser.end() for browser in tuple(self._browsers)))
         await server.close_all_connections()
+
+
+def _listen(first_port: int) -> socket.socket:
+    """Listen on the first port that is free. Raises RenderError if none of ``PORTS_TRIED`` is."""
+    for port in range(first_port, first_port + PORTS_TRIED):
+        try:
+            return socket.create_server((ADDRESS, port))
+        except (OSError, OverflowError):
+            continue
+    last = first_port + PORTS_TRIED - 1
+    raise RenderError(f"None of the ports {first_port} to {last} is free on {ADDRESS}; choose another with --port.")
 
 
 async def _take_connections(listening: socket.socket, server: _Server) -> None:

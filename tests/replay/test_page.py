@@ -1,6 +1,7 @@
 import threading
 import urllib.error
 import urllib.request
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from anm_mj.cli.main import main
 from anm_mj.replay.page import _mesh, levels, replay_page
 from anm_mj.replay.surface import GrowingMesh
 from anm_mj.replay.timeline import read_timeline
-from anm_mj.viz.file_server import FileServer
+from anm_mj.viz.page_server import PageServer
 from tests.viz.chromium import PROGRAM, Chromium
 
 needs_chromium = pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")
@@ -107,7 +108,7 @@ def test_levels_are_even_in_the_logarithm():
 
 
 def test_the_page_is_served_to_this_machine_only():
-    with FileServer(b"page", 0) as server:
+    with closing(PageServer(0, "page")) as server:
         with urllib.request.urlopen(server.url, timeout=10) as answer:
             assert answer.read() == b"page"
         for request in (

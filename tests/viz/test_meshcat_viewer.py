@@ -11,6 +11,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.events import Ended
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.types import Pose2, StopReason
-from anm_mj.viz import file_server, meshcat_viewer, page_server
+from anm_mj.viz import meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
@@ -44,7 +45,7 @@ class CountingMap(FakeMap):
         self.reused.append(reuse)
         return super().mesh(resolution_m)
 
-    def integrate(self, observation):
+    def integrate(self, *args: Any) -> Any:
         raise AssertionError("the viewer asks for the mesh only")
 
     sdf = uncertainty = surface = occupancy_grid = integrate
@@ -108,7 +109,7 @@ def test_page_is_served_to_this_machine_only(viewer):
     with urllib.request.urlopen(viewer.url, timeout=10) as answer:
         assert b"MeshCat" in answer.read()
     listening = viewer._server
-    others = [info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    others = [str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
     for address in {address for address in others if not address.startswith("127.")}:
         with pytest.raises(OSError, match="refused"):
             socket.create_connection((address, listening.port), timeout=2).close()
@@ -321,7 +322,7 @@ def test_next_free_port_is_taken_and_named(caplog):
 
 
 def test_no_free_port_is_one_sentence(monkeypatch):
-    monkeypatch.setattr(file_server, "PORTS_TRIED", 1)
+    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -337,7 +338,8 @@ def test_showing_after_the_close_does_nothing():
 
 
 def mapped(step):
-    return Mapped(observe(step, Pose2(0.3, 0.0, 0.0)), CountingMap(), None)
+    mapper: Any = CountingMap()
+    return Mapped(observe(step, Pose2(0.3, 0.0, 0.0)), mapper, None)
 
 
 @pytest.mark.parametrize("ends", ["nobody looks", "Ctrl-C"])
