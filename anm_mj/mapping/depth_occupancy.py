@@ -174,9 +174,13 @@ class DepthOccupancy:
         """See :class:`anm_mj.protocols.FindsMoved`."""
         return self._moved.doubt(self.voxels, self._num_frames)
 
-    def settle_moved(self) -> None:
-        """Take what was doubted and not seen since for surface again, and nothing that moved for an obstacle."""
-        self._moved.settle(self.voxels, self._num_frames)
+    def settle_moved(self) -> bool:
+        """Take what was doubted and not seen since for surface again, and nothing that moved for an obstacle.
+
+        Returns:
+            Whether anything changed; readers that have read the last frame do not notice.
+        """
+        return self._moved.settle(self.voxels, self._num_frames)
 
     def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
         """The pixels of a frame that show something that was not there before; None for none."""

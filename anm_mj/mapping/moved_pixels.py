@@ -108,7 +108,7 @@ class MovedVoxels:
         before = [frames for _, frames, old, _ in self._held if _meet(old, discs)]
         frames = 2 * max(before) if before else self.config.held_frames
         self._held.append((frame + frames, frames, discs, places))
-        self._set(voxels, places, frame, FREE, OCCUPIED)
+        self._set(voxels, places, frame + 1, FREE, OCCUPIED)
 
     def expire(self, voxels: VoxelArrays, frame: int) -> None:
         """Take for free space again what was held for long enough."""
@@ -128,7 +128,7 @@ class MovedVoxels:
 
     def release(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take what was held for an obstacle for free space; whether any was left."""
-        found = [self._set(voxels, held[3], frame, OCCUPIED, FREE) for held in self._held]
+        found = [self._set(voxels, held[3], frame + 1, OCCUPIED, FREE) for held in self._held]
         self._held = []
         return any(found)
 
@@ -159,23 +159,27 @@ class MovedVoxels:
         self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[layer, row, col]))
         voxels.log_odds[layer, row, col] = _LIFTED
         voxels.state[layer, row, col] = FREE
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
         return bool(len(places))
 
-    def settle(self, voxels: VoxelArrays, frame: int) -> None:
-        """Take for surface again what was doubted and not seen since, and what is held for free space."""
-        self.release(voxels, frame)
+    def settle(self, voxels: VoxelArrays, frame: int) -> bool:
+        """Take for surface again what was doubted and not seen since, and what is held for free space; whether any."""
+        released = self.release(voxels, frame)
         places, log_odds = self._doubted
         inside, (layer, row, col) = voxels.cells_of(places)
         unseen = (voxels.log_odds[layer, row, col] == _LIFTED) & (voxels.state[layer, row, col] == FREE)
         layer, row, col = layer[unseen], row[unseen], col[unseen]
         voxels.log_odds[layer, row, col] = log_odds[inside][unseen]
         voxels.state[layer, row, col] = OCCUPIED
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
+        return released or bool(unseen.any())
 
     @staticmethod
     def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:
-        """Change the states of places whose log-odds say free, and keep those; whether there were any."""
+        """Change the states of places whose log-odds say free, and keep those; whether there were any.
+
+        ``frame`` is the first one with which readers find the change: the next one where they may have read this one.
+        """
         _, (layer, row, col) = voxels.cells_of(places)
         chosen = (voxels.log_odds[layer, row, col] < 0) & (voxels.state[layer, row, col] == old)
         layer, row, col = layer[chosen], row[chosen], col[chosen]

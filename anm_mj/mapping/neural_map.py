@@ -104,7 +104,8 @@ class NeuralMap:
 
     def settle_moved(self) -> None:
         """No frame is to come: take what was doubted and not seen since for surface again, and hold nothing."""
-        self.occupancy.by_depth.settle_moved()
+        if self.occupancy.by_depth.settle_moved():
+            self.occupancy.forget_field()
 
     def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.

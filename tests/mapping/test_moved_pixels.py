@@ -7,6 +7,7 @@ import pytest
 
 from anm_mj.config import make_config
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.field_occupancy import FieldOccupancy
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import depth_doubt
 from anm_mj.sensing.pixel_state import judge_pixels, without_moved
@@ -265,3 +266,22 @@ def test_a_wall_that_many_frames_show_is_not_doubted():
 
     grid.doubt_moved()
     assert (grid.voxels.state[surface] == OCCUPIED).all()
+
+
+def test_readers_notice_what_is_held_and_released_where_nobody_looks():
+    grid, disc = new_grid(), np.array([[1.0, 0.0, 0.2]])
+    reader, inside = FieldOccupancy(grid), np.array([[1.0, 0.0, 1.0]])
+    hidden = replace(view(), depth_m=np.full((96, 96), 0.5, np.float32))
+
+    def read() -> int:
+        fuse(grid, hidden)
+        seen = reader.grid(lambda points_m: np.zeros(len(points_m), np.float32))
+        layer, row, col = np.floor((inside - seen.origin_m) / seen.resolution_m).astype(int)[0, ::-1]
+        return int(seen.state[layer, row, col])
+
+    fuse(grid, view(), 5)
+    assert read() == FREE
+    grid.hold_moved(disc)
+    assert read() == OCCUPIED
+    assert grid.release_moved()
+    assert read() == FREE
