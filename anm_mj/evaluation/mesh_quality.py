@@ -11,6 +11,8 @@ the mesh whose nearest true sample was covered.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +22,7 @@ from scipy.spatial import KDTree
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.ground_truth import COVERED_M, NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.people.crowd import CHAIR
+from anm_mj.people.door_leaves import LEAF
 from anm_mj.utils.threads import usual_num_threads
 
 FINE_M = 0.025
@@ -66,6 +69,7 @@ def mesh_quality(
     covered: Bool[np.ndarray, " n"],
     num_samples: int = NUM_SAMPLES,
     chair: tuple[float, float, float] | None = None,
+    doors: Sequence[tuple[float, float, float, float]] = (),
 ) -> tuple[MeshQuality, MeshQuality | None]:
     """Compare a mesh with the true surface.
 
@@ -77,6 +81,7 @@ def mesh_quality(
         num_samples: Samples on the mesh.
         chair: Where the chair stands that was pushed, x [m], y [m], yaw [rad]: it is no part of the true surface, and
             what the mesh has of it there is not judged; None = there is none.
+        doors: Where the leaves of doors stand, x and y of the hinge [m], yaw [rad], length [m]; likewise.
 
     Returns:
         The quality of the whole, and culled to the observed surface; None if nothing was observed.
@@ -89,6 +94,11 @@ def mesh_quality(
         is_near = np.linalg.norm(samples[:, :2] - chair[:2], axis=1) < CHAIR.radius_m + FAR_OFF_M
         above_floor = (samples[:, 2] > COVERED_M) & (samples[:, 2] < CHAIR.z_max_m + FAR_OFF_M)
         samples = samples[~(is_near & above_floor)]
+    for x_m, y_m, yaw_rad, length_m in doors:
+        along, away_m = np.array([math.cos(yaw_rad), math.sin(yaw_rad)]), samples[:, :2] - (x_m, y_m)
+        beside_m = away_m - (away_m @ along).clip(0.0, length_m)[:, None] * along
+        is_near = np.linalg.norm(beside_m, axis=1) < LEAF.radius_m + FAR_OFF_M
+        samples = samples[~(is_near & (samples[:, 2] > COVERED_M) & (samples[:, 2] < LEAF.z_max_m + FAR_OFF_M))]
     to_truth_m = surface_distance(samples, truth.vertices.astype(np.float64), truth.faces)
     to_mesh_m = surface_distance(truth.samples.astype(np.float64), vertices.astype(np.float64), faces)
     _, nearest = KDTree(truth.samples).query(samples, workers=usual_num_threads())

@@ -37,8 +37,8 @@ class PeopleStatistics:
             return
         moved = observation.pixel_state == PixelState.MOVED
         told = moved | (observation.pixel_state == PixelState.MEASURED)
-        if true.people.chair_shown is not None:
-            moved, told = moved & ~true.people.chair_shown, told & ~true.people.chair_shown
+        if true.people.standing_shown is not None:
+            moved, told = moved & ~true.people.standing_shown, told & ~true.people.standing_shown
         self._found += int(np.count_nonzero(moved))
         self._right += int(np.count_nonzero(moved & shown))
         self._shown += int(np.count_nonzero(shown & told))

@@ -150,8 +150,8 @@ def _quality_of(
     truth: GroundTruth,
     curve: CompletionCurve,
 ) -> tuple[MeshQuality, MeshQuality | None]:
-    chair = run.frames[-1].chair if run.frames else None
-    return mesh_quality(vertices, faces, truth, curve.distance_m < COVERED_M, chair=chair)
+    stands = {"chair": run.frames[-1].chair, "doors": run.frames[-1].doors} if run.frames else {}
+    return mesh_quality(vertices, faces, truth, curve.distance_m < COVERED_M, **stands)
 
 
 def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> dict[str, Any] | None:

@@ -189,9 +189,11 @@ def _frame(line: FrameShape) -> FrameRecord:
     found = line.localisation
     is_lost, is_mapped = found is not None and found.state == "LOST", found is None or found.usable
     poses = _pose(line), believed_camera, _pose(true), true_camera
-    moving = {"people": tuple(line.people), "chair": line.chair}
+    moving = {"people": tuple(line.people), "vacuums": tuple(line.vacuums), "doors": tuple(line.doors)}
     covariance = None if found is None else found.covariance_xy_m2
-    return FrameRecord(line.step, line.time_s, *poses, is_lost, is_mapped, **moving, covariance_xy_m2=covariance)
+    return FrameRecord(
+        line.step, line.time_s, *poses, is_lost, is_mapped, **moving, chair=line.chair, covariance_xy_m2=covariance
+    )
 
 
 def _step(line: StepShape) -> StepRecord:

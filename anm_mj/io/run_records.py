@@ -28,6 +28,10 @@ class FrameRecord:
     """Of each person in the scene: x [m], y [m], yaw [rad], phase of the gait [rad], swing of the limbs."""
     chair: tuple[float, float, float] | None = None
     """Where the chair that is pushed stood: x [m], y [m], yaw [rad]; None without."""
+    vacuums: tuple[tuple[float, float, float], ...] = ()
+    """Of each vacuum robot: x [m], y [m], yaw [rad]."""
+    doors: tuple[tuple[float, float, float, float], ...] = ()
+    """Of each leaf of a door: x and y of the hinge [m], yaw [rad], length [m]."""
     covariance_xy_m2: tuple[float, float, float] | None = None
     """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
 

@@ -43,6 +43,10 @@ class FrameShape(PoseShape):
     """Of each person: place, yaw [rad], phase of the gait [rad], swing of the limbs."""
     chair: tuple[Length, Length, Number] | None = None
     """Place and yaw [rad] of the chair that is pushed."""
+    vacuums: list[tuple[Length, Length, Number]] = []
+    """Place and yaw [rad] of each vacuum robot."""
+    doors: list[tuple[Length, Length, Number, Length]] = []
+    """Of each leaf of a door: place of its hinge, yaw [rad] and length."""
     localisation: LocalisationShape | None = None
     """Only where the pose was estimated."""
 

@@ -8,7 +8,8 @@ somebody is not made, so people never walk into the robot. Where each goes, and 
 seed alone; the way there on who else is in it.
 
 A vacuum robot drives straight, and turns to a heading drawn from the seed where the next step would touch anything. A
-chair is pushed once, straight to another place with room around it.
+chair is pushed once, straight to another place with room around it. Doors are those of
+:mod:`anm_mj.people.door_leaves`.
 """
 
 from __future__ import annotations
@@ -20,20 +21,16 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import SceneError
+from anm_mj.people.door_leaves import DoorLeaves
 from anm_mj.people.people_config import PeopleConfig
+from anm_mj.people.social_force import push
 from anm_mj.people.walking_floor import BODY, WalkingFloor
 from anm_mj.types import Footprint
 
 PERIOD_S = 0.1
 """People move in periods of this length [s]."""
 _RELAXATION_S = 0.5
-_PUSH_MPS2, _PUSH_M = 25.0, 0.08
-"""Strength and reach of the force between people: 2000 N on 80 kg (Helbing, Farkas and Vicsek)."""
 _WALL_MPS2, _WALL_M = 10.0, 0.08
-_BEHIND = 0.2
-"""Share of a force that comes from straight behind."""
-_ASIDE_RAD = math.radians(20.0)
-"""People give way to their right: a force from straight ahead would only stop both."""
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _FASTEST_SHARE = 1.3
 _STUCK_S, _YIELD_S, _JAM_M = 5.0, 1.5, 1.0
@@ -60,7 +57,7 @@ _STRIDE_PER_HEIGHT = 0.75
 
 
 class Crowd:
-    """The people of a scene, its vacuum robots and its chair, in this order; a copy moves on by itself."""
+    """The people of a scene, its vacuum robots and its chair, in this order, and doors; a copy moves on by itself."""
 
     REBUILT = ("config", "floor")
 
@@ -82,7 +79,7 @@ class Crowd:
             seed: of all that is random about them.
 
         Raises:
-            SceneError: the floor has no room for so many.
+            SceneError: the floor has no room for so many, or too few doorways for their doors.
         """
         self.config, self.floor = config, floor
         self._robot_radius_m = robot_radius_m
@@ -90,6 +87,7 @@ class Crowd:
         kinds = [BODY] * config.number + [VACUUM] * config.vacuums + [CHAIR] * config.has_chair
         self.radius_m = np.array([kind.radius_m for kind in kinds])
         """Of each body [m]."""
+        self.doors = DoorLeaves(floor, config.doors, robot_xy_m)
         self._seed = seed
         self.restart(robot_xy_m)
 
@@ -99,6 +97,7 @@ class Crowd:
         self._seed = self._seed if seed is None else seed
         random = np.random.default_rng([self._seed, 83])
         self._num_periods = 0
+        self.doors.shut()
         self._speed_mps = random.uniform(config.slowest_mps, config.fastest_mps, count)
         places = self._places(robot_xy_m, random)
         way = self._chair_way(np.vstack([robot_xy_m, places]), random) if config.has_chair else np.zeros((0, 2))
@@ -131,6 +130,7 @@ class Crowd:
         for name in ("xy_m", "yaw_rad", "phase_rad", "swing", "_velocity_mps", "_num_goals", "_stand_until_s"):
             setattr(other, name, getattr(self, name).copy())
         other._progress_s, other._path = self._progress_s.copy(), list(self._path)
+        other.doors = self.doors.copied()
         return other
 
     def _places(self, robot_xy_m: Float[np.ndarray, "2"], random: np.random.Generator) -> Float[np.ndarray, "n 2"]:
@@ -172,19 +172,26 @@ class Crowd:
         before = self._num_periods
         while (self._num_periods + 1) * PERIOD_S <= time_s + 1e-9:
             self._num_periods += 1
+            if len(self.doors):
+                self._move_doors(robot_xy_m)
             for one in range(len(self.xy_m)):
                 (self._move if one < self.config.number else self._move_thing)(one, robot_xy_m)
         return self._num_periods > before
 
+    def _move_doors(self, robot_xy_m: Float[np.ndarray, "2"]) -> None:
+        """One period of the doors; who stands opens none."""
+        walking = np.flatnonzero(self._stand_until_s[: self.config.number] <= self._num_periods * PERIOD_S)
+        ways_m = [np.vstack([self.xy_m[one], self._path[one]]) for one in walking.tolist()]
+        robot = np.array([*robot_xy_m, self._robot_radius_m])
+        self.doors.move(ways_m, np.vstack([np.column_stack([self.xy_m, self.radius_m]), robot]), PERIOD_S)
+
     @property
-    def chair(self) -> tuple[float, float, float]:
+    def chair(self) -> tuple[float, float, float] | None:
         """Where the chair stands, if there is one: x [m], y [m], yaw [rad]."""
-        return *self.xy_m[-1].tolist(), float(self.yaw_rad[-1])
+        return (*self.xy_m[-1].tolist(), float(self.yaw_rad[-1])) if self.config.has_chair else None
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether the robot would touch somebody on a straight line, and come nearer to them by it."""
-        if not len(self.xy_m):
-            return False
+        """Whether the robot would touch somebody on a straight line, and come nearer to them by it; doors are walls."""
         along = end_m - start_m
         share = ((self.xy_m - start_m) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
         nearest_m = np.linalg.norm(self.xy_m - start_m - share[:, None] * along, axis=1)
@@ -208,7 +215,7 @@ class Crowd:
         others = self._others(one, robot_xy_m)
         if speed > 0.0:
             for other_x, other_y, apart in others:
-                push_x, push_y = _push(other_x - x, other_y - y, apart, self.yaw_rad[one])
+                push_x, push_y = push(other_x - x, other_y - y, apart, self.yaw_rad[one])
                 ax, ay = ax + push_x, ay + push_y
             clear, slope_x, slope_y = self.floor.clearance(x, y)
             wall = _WALL_MPS2 * math.exp((BODY.radius_m - clear) / _WALL_M)
@@ -329,6 +336,8 @@ class Crowd:
         clear = self.floor.clearance(x + dx, y + dy)[0]
         if clear < self.radius_m[one] and clear <= self.floor.clearance(x, y)[0]:
             return False
+        if len(self.doors) and self.doors.touches(self.xy_m[one], self.xy_m[one] + (dx, dy), float(self.radius_m[one])):
+            return False
         for other_x, other_y, apart in others:
             after = math.hypot(other_x - x - dx, other_y - y - dy)
             if after < apart and after < math.hypot(other_x - x, other_y - y):
@@ -338,13 +347,3 @@ class Crowd:
 
 def _far_ahead(xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "1 2"]:
     return xy_m[None] + _FAR_M * np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
-
-
-def _push(dx: float, dy: float, apart_m: float, yaw_rad: float) -> tuple[float, float]:
-    """Acceleration [m/s2] away from somebody at (dx, dy) [m] whose body touches from ``apart_m`` on."""
-    away = max(math.hypot(dx, dy), 1e-6)
-    ahead = (dx * math.cos(yaw_rad) + dy * math.sin(yaw_rad)) / away
-    size = _PUSH_MPS2 * math.exp((apart_m - away) / _PUSH_M) * (_BEHIND + (1.0 - _BEHIND) * (1.0 + ahead) / 2.0)
-    # Turned to the right-hand side where the other one is ahead.
-    angle = math.atan2(-dy, -dx) + (_ASIDE_RAD if ahead > 0.0 else 0.0)
-    return size * math.cos(angle), size * math.sin(angle)

@@ -12,14 +12,15 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from anm_mj.people.crowd import CHAIR, VACUUM, Crowd
+from anm_mj.people.door_leaves import LEAF
 from anm_mj.people.walking_floor import BODY
 from anm_mj.types import Footprint
 
 PREFIX = "person_"
-CHAIR_NAME, _VACUUM_NAME = "pushed_chair", "vacuum_robot_"
+CHAIR_NAME, _VACUUM_NAME, _LEAF_NAME = "pushed_chair", "vacuum_robot_", "door_leaf_"
 GROUP = 0
 """Geom group that the camera sees; of what is drawn, only what moves is in it."""
 _PARTS = ("body", "left_thigh", "right_thigh", "left_shin", "right_shin", "left_arm", "right_arm")
@@ -27,7 +28,7 @@ _SKIN = ((0.94, 0.78, 0.67), (0.80, 0.60, 0.46), (0.55, 0.38, 0.28), (0.36, 0.24
 _HAIR = ((0.15, 0.11, 0.09), (0.45, 0.30, 0.16), (0.75, 0.62, 0.36), (0.55, 0.55, 0.56))
 _SHIRT = ((0.72, 0.18, 0.18), (0.16, 0.38, 0.62), (0.20, 0.48, 0.30), (0.86, 0.74, 0.30), (0.85, 0.85, 0.82))
 _TROUSERS = ((0.16, 0.18, 0.26), (0.38, 0.34, 0.28), (0.24, 0.30, 0.42))
-_SHOE = (0.12, 0.11, 0.11)
+_SHOE, _WOOD = (0.12, 0.11, 0.11), (0.62, 0.44, 0.27)
 _SLICES, _STACKS = 12, 8
 """Facets of a round part: a software renderer spends its time on triangles."""
 _THIGH, _SHIN = 0.245, 0.285
@@ -51,6 +52,9 @@ class _Pose(NamedTuple):
     pitch_rad: float
 
 
+_AT_ITS_BODY = _Pose((0.0, 0.0, 0.0), 0.0)
+
+
 def add_figures(spec: mujoco.MjSpec, crowd: Crowd, seed: int) -> None:
     """Add everybody to an uncompiled model, as mocap bodies that the camera sees and the robot runs into."""
     spec.visual.quality.numslices, spec.visual.quality.numstacks = _SLICES, _STACKS
@@ -67,6 +71,8 @@ def add_figures(spec: mujoco.MjSpec, crowd: Crowd, seed: int) -> None:
         parts += [("box", _HAIR[1], [0.02, 0.02, 0.215], [x, y, 0.215]) for x in (-0.13, 0.13) for y in (-0.13, 0.13)]
         parts += [("box", _HAIR[1], [0.015, 0.115, 0.2], [-0.17, 0, 0.67])]
         _add_thing(spec, CHAIR_NAME, CHAIR, parts)
+    for number, length_m in enumerate(crowd.doors.length_m.tolist()):
+        _add_leaf(spec, f"{_LEAF_NAME}{number}", length_m)
 
 
 def _add_thing(spec: mujoco.MjSpec, name: str, space: Footprint, parts: list[_Part]) -> None:
@@ -74,6 +80,16 @@ def _add_thing(spec: mujoco.MjSpec, name: str, space: Footprint, parts: list[_Pa
     for shape, rgb, size, place in parts:
         _add_geom(body, shape, rgb, size, pos=place)
     _add_space(body, space.radius_m, space.z_max_m)
+
+
+def _add_leaf(spec: mujoco.MjSpec, name: str, length_m: float) -> None:
+    """Its body stands at the hinge, and the leaf reaches along x."""
+    body = spec.worldbody.add_body(name=name, mocap=True)
+    half_m, middle_m = (LEAF.z_max_m - LEAF.z_min_m) / 2, (LEAF.z_max_m + LEAF.z_min_m) / 2
+    size, place = [length_m / 2, LEAF.radius_m, half_m], [length_m / 2, 0, middle_m]
+    _add_geom(body, "box", _WOOD, size, pos=place)
+    _add_geom(body, "box", _HAIR[3], [0.05, 2 * LEAF.radius_m, 0.01], pos=[length_m - 0.1, 0, 1.0])
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=place, group=3, mass=0.0)
 
 
 def _add_geom(body: mujoco.MjsBody, shape: str, rgb: _Rgb, size: list[float], **where: list[float]) -> None:
@@ -127,13 +143,17 @@ class Figures:
         things = [f"{_VACUUM_NAME}{number}" for number in range(crowd.config.vacuums)]
         for name in things + [CHAIR_NAME] * crowd.config.has_chair:
             self._mocap.append([int(model.body_mocapid[model.body(name).id])])
+        leaves = [model.body(f"{_LEAF_NAME}{number}").id for number in range(len(crowd.doors))]
+        self._leaves = [[int(model.body_mocapid[leaf])] for leaf in leaves]
 
     def write(self, crowd: Crowd, data: mujoco.MjData) -> None:
         """Place and pose everybody in a state of the model."""
         for number, (x_m, y_m, yaw_rad, phase_rad, swing) in enumerate(_states(crowd).tolist()):
             is_person = number < crowd.config.number
-            poses = _gait(crowd.height_m[number], phase_rad, swing) if is_person else [_Pose((0.0, 0.0, 0.0), 0.0)]
+            poses = _gait(crowd.height_m[number], phase_rad, swing) if is_person else [_AT_ITS_BODY]
             self._write_one(self._mocap[number], (x_m, y_m, yaw_rad), poses, data)
+        for leaf, (x_m, y_m, yaw_rad, _) in zip(self._leaves, crowd.doors.states.tolist(), strict=True):
+            self._write_one(leaf, (x_m, y_m, yaw_rad), [_AT_ITS_BODY], data)
 
     @staticmethod
     def _write_one(
@@ -147,6 +167,18 @@ class Figures:
             cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
             cp, sp = math.cos(pose.pitch_rad / 2), math.sin(pose.pitch_rad / 2)
             data.mocap_quat[place] = cy * cp, -sy * sp, cy * sp, sy * cp
+
+
+def standing_bodies(model: mujoco.MjModel) -> Int[np.ndarray, " n"]:
+    """Ids of what moves seldom and is surface while it stands: the chair and the leaves of doors."""
+    names = [model.body(body).name for body in range(model.nbody)]
+    return np.flatnonzero([name == CHAIR_NAME or name.startswith(_LEAF_NAME) for name in names])
+
+
+def vacuum_states(crowd: Crowd) -> Float[np.ndarray, "n 3"]:
+    """Where vacuum robots are: x [m], y [m], yaw [rad]."""
+    things = slice(crowd.config.number, crowd.config.number + crowd.config.vacuums)
+    return np.column_stack([crowd.xy_m, crowd.yaw_rad])[things]
 
 
 def people_states(crowd: Crowd) -> Float[np.ndarray, "n 5"]:

@@ -29,6 +29,9 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
     chair_pushed_s: float = setting(0.0, at_least=0.0)
     """A chair stands on the floor, and is pushed 0.7 m aside after so long [s]; 0 = there is none."""
 
+    doors: int = setting(0, at_least=0, at_most=100)
+    """Leaves hang in so many doorways, those nearest to the robot's start, shut until a person passes."""
+
     @property
     def has_chair(self) -> bool:
         """Whether there is one that is pushed."""
@@ -36,7 +39,7 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
 
     @property
     def num_bodies(self) -> int:
-        """How many move through the scene: people, vacuum robots and the chair."""
+        """How many move through the scene: people, vacuum robots and the chair; doors have places of their own."""
         return self.number + self.vacuums + self.has_chair
 
     def __post_init__(self) -> None:
@@ -54,4 +57,9 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
             raise ConfigError(
                 f"people.followers is {self.followers}, but people.number is {self.number}; give no more followers "
                 "than people."
+            )
+        if self.doors > 0 and self.number == 0:
+            raise ConfigError(
+                f"people.doors is {self.doors}, but people.number is 0, so that nobody opens them; give people, or no "
+                "doors."
             )

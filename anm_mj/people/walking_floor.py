@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -12,6 +13,7 @@ from skimage.graph import MCP_Geometric
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import NavigableArea, pooled, scene_area
+from anm_mj.scene.room_segmentation import DOOR_MAX_M, segment_rooms
 from anm_mj.types import Footprint
 
 BODY = Footprint(radius_m=0.25, z_min_m=0.05, z_max_m=1.9)
@@ -22,10 +24,19 @@ _COMFORT_M = 0.3
 """Paths prefer to keep this much clearance beyond the body's radius [m]."""
 _PLACE_CLEARANCE_M = 0.4
 """Places that people walk to are so far from obstacles, where the floor has such [m]."""
-_DOORWAY_M = 0.6
-"""A doorway is narrower than twice this [m]."""
+_DOOR_ANGLE_RAD = math.radians(7.5)
+"""Directions in which a doorway's jambs are looked for lie so far apart."""
 _IN_DOORWAY_M = 0.7
 """So near to the middle of one, somebody stands in it [m]."""
+
+
+class Doorway(NamedTuple):
+    """A narrow place between two rooms."""
+
+    middle_m: Float[np.ndarray, "2"]
+    left_m: Float[np.ndarray, "2"]
+    """Where one jamb stands, or what is as near [m]; the other one stands at ``right_m``."""
+    right_m: Float[np.ndarray, "2"]
 
 
 class WalkingFloor:
@@ -50,7 +61,9 @@ class WalkingFloor:
         crowding = np.clip((BODY.radius_m + _COMFORT_M - routes.clearance_m) / _COMFORT_M, 0.0, 1.0)
         self._routes = routes
         self._cost = np.where(routes.component == 1, 1.0 + 2.0 * crowding, -1.0)
-        self._doorways_m = self._find_doorways()
+        self.doorways = self._find_doorways(scene)
+        """Those between two rooms."""
+        self._doorways_m = np.array([door.middle_m for door in self.doorways]).reshape(-1, 2)
         places = routes.grid.centres_m(*np.nonzero(self._roomy(routes)))
         doorways = self._doorways_m
         apart_m = KDTree(doorways).query(places)[0] if len(doorways) else np.full(len(places), math.inf)
@@ -89,7 +102,7 @@ class WalkingFloor:
         return self._routes.grid.centres_m(*np.array(search.traceback(end)).T)
 
     def doorway(self, near_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """The middle of a narrow place near a place: as wide as it is along the way through, and wider beyond [m].
+        """The middle of the doorway that is nearest to a place, but not at it [m].
 
         Raises:
             SceneError: the floor has none.
@@ -100,28 +113,30 @@ class WalkingFloor:
         away_m = np.linalg.norm(xy - near_m, axis=1)
         return xy[np.argmin(np.where(away_m < 1.0, np.inf, away_m))]
 
-    def _find_doorways(self) -> Float[np.ndarray, "n 2"]:
-        """The middles of all, and cells beside them [m]."""
-        clearance, grid = self._routes.clearance_m, self._routes.grid
-        rows, cols = np.nonzero((self._routes.component == 1) & (clearance < _DOORWAY_M))
-        reach = round(1.0 / grid.resolution_m)
-        cells = zip(rows.tolist(), cols.tolist(), strict=True)
-        narrow = np.array([cell for cell in cells if self._is_doorway(clearance, *cell, reach)], int)
-        return grid.centres_m(*narrow.reshape(-1, 2).T)
+    def _find_doorways(self, scene: Scene) -> list[Doorway]:
+        """Those between two rooms that people fit through."""
+        vertices, faces = scene.triangles()
+        found = []
+        for door in segment_rooms(vertices[faces], self._area).doors:
+            ends = self._jambs(door.xy_m)
+            if door.fits and math.dist(*ends) <= DOOR_MAX_M:
+                found.append(Doorway((ends[0] + ends[1]) / 2, *ends))
+        return found
 
-    @staticmethod
-    def _is_doorway(clearance: Float32[np.ndarray, "rows cols"], row: int, col: int, reach: int) -> bool:
-        """Whether clearance is largest at a cell across one axis, and grows to both sides along the other."""
-        rows, cols = clearance.shape
-        if not (reach <= row < rows - reach and reach <= col < cols - reach):
-            return False
-        here = clearance[row, col]
-        for (dr, dc), (ar, ac) in (((1, 0), (0, 1)), ((0, 1), (1, 0))):
-            across = clearance[row + ar, col + ac] <= here and clearance[row - ar, col - ac] <= here
-            beyond = min(clearance[row + reach * dr, col + reach * dc], clearance[row - reach * dr, col - reach * dc])
-            if across and beyond > here + 0.2:
-                return True
-        return False
+    def _jambs(self, xy_m: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+        """Where the shortest line through a place ends at obstacles [m]."""
+        step_m = self._area.grid.resolution_m / 2
+        best: list[Float[np.ndarray, "2"]] = []
+        for angle in np.arange(0.0, math.pi, _DOOR_ANGLE_RAD).tolist():
+            along, ends = np.array([math.cos(angle), math.sin(angle)]), []
+            for sign in (-step_m, step_m):
+                end = xy_m
+                while self.clearance(*end.tolist())[0] > 0.0:
+                    end = end + sign * along
+                ends.append(end)
+            if not best or math.dist(*ends) < math.dist(*best) - step_m:
+                best = ends
+        return best[0], best[1]
 
     def _cell(self, xy_m: Float[np.ndarray, "2"]) -> tuple[int, int]:
         """The walkable cell nearest to a place."""

@@ -114,7 +114,8 @@ class RunLog:
             line["true"] = _where(true.pose, true.T_world_camera)
         if true is not None and true.people is not None:
             line["people"] = true.people.states
-            line |= {"chair": true.people.chair} if true.people.chair else {}
+            moved = {"chair": true.people.chair, "vacuums": true.people.vacuums, "doors": true.people.doors}
+            line |= {key: states for key, states in moved.items() if states is not None and len(states)}
         if estimate is not None:
             line["localisation"] = {
                 "state": estimate.state,

@@ -20,6 +20,7 @@ from anm_mj.io.plan_file import PlanRecord
 from anm_mj.io.write import writing
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, font
 from anm_mj.replay.film_map_and_surface import MARGIN_M, MapPanel, SurfacePanel
+from anm_mj.replay.movers import discs, is_any, leaf_ends, leaves
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import EMPTY_PATH, Timeline
@@ -115,7 +116,7 @@ def film_frames(
     map_panel = MapPanel(*_bounds(timeline, mesh))
     far_m = _far_m(timeline)
     truth = (TRUTH,) if timeline.true_xy_m is not None else ()
-    background = _background((*LEGEND, *truth, *((PEOPLE,) if run.frames[0].people else ())))
+    background = _background((*LEGEND, *truth, *((PEOPLE,) if is_any(run.frames[0]) else ())))
     shown, plan, reason = -1, PlanRecord(EMPTY_PATH), ""
     for index, (frame, rgb) in enumerate(zip(run.frames, pictures(run, scene), strict=True)):
         on_progress(index + 1, total)
@@ -129,11 +130,11 @@ def film_frames(
         trajectory, is_lost = timeline.xy_m[: index + 1], timeline.is_lost[: index + 1]
         true = None if timeline.true_xy_m is None else timeline.true_xy_m[: index + 1]
         ellipse = timeline.ellipse_m(index)
-        people = np.array(frame.people)[:, :2] if frame.people else None
+        moved = discs(frame), leaf_ends(leaves(frame))
         panels = (
             colour_panel(rgb, frame, run.intrinsics, target),
             depth_panel(run.depth_mm(frame), far_m, run.intrinsics),
-            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse, people),
+            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse, *moved),
             surface.draw(index, trajectory, is_lost) if surface else _no_surface(),
         )
         yield np.asarray(_composed(background, panels, timeline.title, _status(timeline, index), reason))

@@ -17,7 +17,7 @@ from anm_mj.viz.tint import rgb_of, tint
 SUPERSAMPLING = 2
 """Lines are drawn at this multiple of the panel's size, and averaged."""
 MARGIN_M = 0.4
-ROBOT_RADIUS_M, PERSON_RADIUS_M = 0.18, 0.25
+ROBOT_RADIUS_M = 0.18
 
 
 class MapPanel:
@@ -53,7 +53,8 @@ class MapPanel:
         true_xy_m: Float[np.ndarray, "n 2"] | None = None,
         is_lost: Bool[np.ndarray, " n"] | None = None,
         ellipse_m: Float[np.ndarray, "3"] | None = None,
-        people_xy_m: Float[np.ndarray, "p 2"] | None = None,
+        discs_m: Float[np.ndarray, "p 4"] | None = None,
+        leaves_m: Float[np.ndarray, "d 2 2"] | None = None,
     ) -> Image.Image:
         """The panel at a frame.
 
@@ -65,7 +66,8 @@ class MapPanel:
             true_xy_m: Where it truly was; None where it believed that.
             is_lost: At which frames it did not know where it was; None = at none.
             ellipse_m: Half axes of its uncertainty [m] and the direction of the longer one [rad].
-            people_xy_m: Where people were, world [m]; None = nobody is drawn.
+            discs_m: What moved, as :func:`anm_mj.replay.movers.discs` has it; None = nobody is drawn.
+            leaves_m: Both ends of the leaves of doors, world [m]; None = there are none.
         """
         image = self._base.copy()
         draw = ImageDraw.Draw(image)
@@ -79,10 +81,12 @@ class MapPanel:
         if target_xy_m is not None:
             ((x, y),) = self._px(target_xy_m[None]).tolist()
             draw.ellipse([x - 11, y - 11, x + 11, y + 11], palette.TARGET, "white", 3)
-        if people_xy_m is not None and len(people_xy_m):
-            radius = max(PERSON_RADIUS_M / self._metres_per_px, 12.0)
-            for x, y in self._px(people_xy_m).tolist():
-                draw.ellipse([x - radius, y - radius, x + radius, y + radius], palette.PERSON, "white", 3)
+        for leaf in leaves_m if leaves_m is not None else ():
+            draw.line([tuple(point) for point in self._px(leaf).tolist()], palette.PERSON, 8)
+        if discs_m is not None:
+            radius = np.maximum(discs_m[:, 2] / self._metres_per_px, 8.0)
+            for (x, y), r in zip(self._px(discs_m[:, :2]).tolist(), radius.tolist(), strict=True):
+                draw.ellipse([x - r, y - r, x + r, y + r], palette.PERSON, "white", 3)
         if is_lost is None or not is_lost[-1]:
             self._draw_robot(draw, trajectory_xy_m[-1], yaw_rad)
             if ellipse_m is not None:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.io.plan_file import PlanRecord
+from anm_mj.replay.movers import discs, is_any, leaves
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import Timeline
@@ -86,7 +87,8 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "cameras": _base64(np.array(cameras, np.float32)),
         "lost": np.flatnonzero(timeline.is_lost).tolist(),
         "truth": None if timeline.true_xy_m is None else _base64(timeline.true_xy_m.astype(np.float32)),
-        "people": [[state[:2] for state in frame.people] for frame in run.frames] if run.frames[0].people else None,
+        "people": [discs(frame).tolist() for frame in run.frames] if is_any(run.frames[0]) else None,
+        "doors": [leaves(frame).tolist() for frame in run.frames] if run.frames[0].doors else None,
         "ellipses": _ellipses(timeline),
         "plan_of_frame": timeline.plan_of_frame.tolist(),
         "plans": plans,

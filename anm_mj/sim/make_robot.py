@@ -86,9 +86,11 @@ def make_robot(
 
     description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint)
-    crowd, people, radius_m = None, config.people, description.footprint.radius_m
+    crowd, added, people, radius_m = None, "", config.people, description.footprint.radius_m
     if people.num_bodies:
         crowd = Crowd(people, WalkingFloor(scene), start.xy_m, radius_m, config.seed)
+        leaves_m = crowd.doors.length_m.tolist()
+        added = f":people {people.number} {people.vacuums} {people.has_chair:d} {leaves_m} {config.seed}"
     model = build_model(
         scene,
         description.spec,
@@ -97,7 +99,7 @@ def make_robot(
         prefix=_PREFIX,
         top_m=description.footprint.z_max_m,
         add=None if crowd is None else functools.partial(add_figures, crowd=crowd, seed=config.seed),
-        added="" if crowd is None else f":people {people.number} {people.vacuums} {people.has_chair:d} {config.seed}",
+        added=added,
     )
     _require_range(config.sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
@@ -11,7 +9,7 @@ from jaxtyping import Float, Float32
 from anm_mj.errors import RobotError
 from anm_mj.frames import pixel_directions, pose_matrix, relative_pose
 from anm_mj.people.crowd import Crowd
-from anm_mj.people.figures import CHAIR_NAME, Figures, people_states
+from anm_mj.people.figures import Figures, people_states, standing_bodies, vacuum_states
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
@@ -34,7 +32,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_figures", "_people_rays", "_chair_rays")
+    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_figures", "_people_rays", "_standing_rays")
 
     def __init__(
         self,
@@ -88,14 +86,14 @@ class SimRobot:
         """The next actions whose images were begun, and the state and the people after each."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
-        self._crowd, self._figures, self._people_rays, self._chair_rays = crowd, None, None, None
+        self._crowd, self._figures, self._people_rays, self._standing_rays = crowd, None, None, None
         if crowd is not None:
             geoms = visible_geoms(model)
             geoms = geoms[are_moved(model, geoms)]
             self._figures = Figures(model, crowd)
-            if crowd.config.has_chair:
-                is_chair = model.geom_bodyid[geoms] == model.body(CHAIR_NAME).id
-                self._chair_rays, geoms = MovedRays(model, geoms[is_chair]), geoms[~is_chair]
+            stands = np.isin(model.geom_bodyid[geoms], standing_bodies(model))
+            if stands.any():
+                self._standing_rays, geoms = MovedRays(model, geoms[stands]), geoms[~stands]
             self._people_rays = MovedRays(model, geoms)
 
     @property
@@ -140,11 +138,18 @@ class SimRobot:
             return TrueView(pose, T_world_camera, np.where(told, exact_m, np.float32(np.nan)))
         view = self.data, T_world_camera, pixel_directions(seen.intrinsics), exact_m
         shown = self._people_rays.shown(*view)
-        people = TruePeople(people_states(self._crowd), shown, self._crowd.distance_m(pose.xy_m))
-        if self._chair_rays is not None:
-            chair_shown = self._chair_rays.shown(*view)
-            people = replace(people, chair=self._crowd.chair, chair_shown=chair_shown)
-            shown = shown | chair_shown
+        crowd = self._crowd
+        standing_shown = None if self._standing_rays is None else self._standing_rays.shown(*view)
+        people = TruePeople(
+            people_states(crowd),
+            shown,
+            crowd.distance_m(pose.xy_m),
+            chair=crowd.chair,
+            standing_shown=standing_shown,
+            vacuums=vacuum_states(crowd),
+            doors=crowd.doors.states,
+        )
+        shown = shown if standing_shown is None else shown | standing_shown
         return TrueView(pose, T_world_camera, np.where(told & ~shown, exact_m, np.float32(np.nan)), people)
 
     @property

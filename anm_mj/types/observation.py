@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -131,8 +131,13 @@ class TruePeople:
     """Between the robot's body and the nearest one of people and things [m]."""
     chair: tuple[float, float, float] | None = None
     """Where the chair that is pushed stands: x [m], y [m], yaw [rad]; None without."""
-    chair_shown: Bool[np.ndarray, "h w"] | None = None
-    """The pixels that show it: surface while it stands, moved right after it was pushed, so neither is wrong."""
+    standing_shown: Bool[np.ndarray, "h w"] | None = None
+    """The pixels that show the chair or a leaf of a door: surface while it stands, moved right after it was pushed, so
+    neither is wrong. None without."""
+    vacuums: Float[np.ndarray, "v 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    """Of vacuum robots: x [m], y [m], yaw [rad]."""
+    doors: Float[np.ndarray, "d 4"] = field(default_factory=lambda: np.zeros((0, 4)))
+    """Of leaves of doors: x and y of the hinge [m], yaw from there along the leaf [rad], length [m]."""
 
 
 @dataclass(frozen=True)

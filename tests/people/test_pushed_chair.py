@@ -1,11 +1,9 @@
 """What the map makes of a chair that is pushed: surface where it stays, and free where it was."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
@@ -14,7 +12,9 @@ from anm_mj.people.walking_floor import WalkingFloor
 from anm_mj.scene.folder import load_scene
 from anm_mj.sensing.pixel_state import judge_pixels, without_moved
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import FREE, OCCUPIED, Action, PixelState, Pose2
+from anm_mj.types import OCCUPIED, Action, PixelState, Pose2
+from tests.people.conftest import crowd_in, pose_at, standing_shown
+from tests.people.pictures import map_slice, save_picture
 
 SEAT_M = 0.45
 BEFORE, AFTER = 40, 120
@@ -30,7 +30,7 @@ def view_point(floor: WalkingFloor, chair_m: np.ndarray, pushed_m: np.ndarray) -
         on_line = [place + share * along for share in np.linspace(0.0, 1.0, 30)]
         is_sideways = abs(along @ sideways) < 0.6 * away_m * math.hypot(*sideways)
         if 1.4 < away_m < 3.0 and is_sideways and min(floor.clearance(*xy)[0] for xy in on_line) > 0.2:
-            return Pose2(*place.tolist(), math.atan2(along[1], along[0]))
+            return pose_at(place, math.atan2(along[1], along[0]))
     raise AssertionError("The chair cannot be watched from anywhere.")
 
 
@@ -41,15 +41,6 @@ def seat(grid: DepthOccupancy, chair_m: np.ndarray) -> np.ndarray:
     return grid.state_at(np.column_stack([chair_m + around, np.full(len(around), SEAT_M)]))
 
 
-def slice_of(grid: DepthOccupancy, middle_m: np.ndarray) -> np.ndarray:
-    """Two metres of the map at the height of a seat: black is occupied, white free."""
-    offset = np.linspace(-1.0, 1.0, 128)
-    x, y = np.meshgrid(middle_m[0] + offset, middle_m[1] - offset)
-    state = grid.state_at(np.column_stack([x.ravel(), y.ravel(), np.full(x.size, SEAT_M)])).reshape(x.shape)
-    grey = np.select([state == OCCUPIED, state == FREE], [0, 255], 160).astype(np.uint8)
-    return np.repeat(grey[:, :, None], 3, axis=2)
-
-
 @pytest.mark.slow
 def test_the_map_follows_a_pushed_chair():
     """Leaves a picture, ``build/people/chair.png``: image and map before, just after and long after the push."""
@@ -58,7 +49,7 @@ def test_the_map_follows_a_pushed_chair():
     grid = DepthOccupancy(OccupancyConfig(), MovingConfig(detect=True))
     pictures, states, moved_shares = [], [], []
     with make_robot(scene, people=people, image_px=128) as robot:
-        crowd = robot._crowd
+        crowd = crowd_in(robot)
         places = crowd.xy_m[0].copy(), crowd._path[0][0].copy()
         robot.place(view_point(WalkingFloor(scene), *places))
         for frame in range(AFTER):
@@ -67,15 +58,14 @@ def test_the_map_follows_a_pushed_chair():
             told = told if moved is None else without_moved(told, moved)
             view = told.intrinsics, told.T_world_camera, told.range_m
             grid.integrate(told.depth_m, *view, moved_m=told.moved_m)
-            shown = robot.true_view().people.chair_shown
+            shown = standing_shown(robot)
+            assert told.pixel_state is not None
             moved_shares.append((told.pixel_state[shown] == PixelState.MOVED).mean())
             if frame in (BEFORE - 2, BEFORE + 10, AFTER - 1):
-                pictures.append(np.vstack([told.rgb, slice_of(grid, sum(places) / 2)]))
+                pictures.append(np.vstack([told.rgb, map_slice(grid, (places[0] + places[1]) / 2, SEAT_M)]))
                 states.append([seat(grid, place) for place in places])
             robot.act(Action.TURN_LEFT if frame % 2 else Action.TURN_RIGHT)
-    path = Path(__file__).parents[2] / "build/people/chair.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.hstack(pictures)).resize((1152, 768), Image.Resampling.NEAREST).save(path)
+    save_picture("chair", pictures)
 
     before, _, after = states
     assert np.mean(before[0] == OCCUPIED) > 0.5

@@ -13,6 +13,7 @@ from anm_mj.people.people_config import PeopleConfig
 from anm_mj.people.walking_floor import BODY
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, Pose2
+from tests.people.conftest import crowd_in, write_crowd
 
 ROBOT_M = 0.18
 
@@ -34,7 +35,7 @@ def test_vacuum_robots_drive_straight_and_touch_nothing(floor, scene):
     step_m = np.linalg.norm(np.diff(vacuums, axis=0), axis=2)
     drives = step_m > 0.0
     assert np.allclose(step_m[drives], 0.3 * PERIOD_S)
-    assert drives.mean() > 0.7
+    assert drives.mean() > 0.5
     # Many steps lead on as the one before did, and every robot turned.
     assert (crowd._num_goals[1:4] > 2).all()
     assert (crowd._num_goals[1:4] < 60).all()
@@ -86,20 +87,20 @@ def test_the_seed_decides_and_a_copy_moves_on_alike(floor, scene):
 
 def test_truth_leaves_things_out_and_tells_the_chair_from_what_always_moves(scene):
     with make_robot(scene, people=PeopleConfig(vacuums=1, chair_pushed_s=1e5), image_px=64) as robot:
-        pose, crowd, seen = Pose2(4.74, 4.6, -math.pi / 2), robot._crowd, []
+        pose, crowd, seen = Pose2(4.74, 4.6, -math.pi / 2), crowd_in(robot), []
         ahead = np.array([0.0, -1.0])
         robot.place(pose)
         for chair_m in (2.3, 9.0):
             crowd.xy_m[:] = pose.xy_m + np.array([1.8, chair_m])[:, None] * ahead
-            robot._figures.write(crowd, robot.data)
+            write_crowd(robot)
             robot.observe()
             seen.append(robot.true_view())
             assert np.allclose(robot.data.body(CHAIR_NAME).xpos[:2], crowd.xy_m[1])
 
     with_chair, without = seen
-    assert with_chair.people.chair_shown.mean() > 0.004
-    assert np.isnan(with_chair.depth_m[with_chair.people.chair_shown]).all()
-    assert not (with_chair.people.shown & with_chair.people.chair_shown).any()
+    assert with_chair.people.standing_shown.mean() > 0.004
+    assert np.isnan(with_chair.depth_m[with_chair.people.standing_shown]).all()
+    assert not (with_chair.people.shown & with_chair.people.standing_shown).any()
     assert with_chair.people.chair[:2] == pytest.approx(pose.xy_m + 2.3 * ahead)
     assert len(with_chair.people.states) == 0
     assert without.people.shown.any()
@@ -112,10 +113,10 @@ def test_a_chair_stops_the_robot(scene, drive):
     with make_robot(scene, people=PeopleConfig(chair_pushed_s=1e5), image_px=16, drive=drive) as robot:
         pose = robot.pose
         ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
-        robot._crowd.xy_m[0] = pose.xy_m + (ROBOT_M + CHAIR.radius_m + 0.1) * ahead
-        robot._figures.write(robot._crowd, robot.data)
+        crowd_in(robot).xy_m[0] = pose.xy_m + (ROBOT_M + CHAIR.radius_m + 0.1) * ahead
+        write_crowd(robot)
         results = [robot.act(Action.MOVE_FORWARD) for _ in range(3)]
-        apart_m = robot._crowd.distance_m(robot.pose.xy_m)
+        apart_m = crowd_in(robot).distance_m(robot.pose.xy_m)
 
     assert results[-1].met_person
     assert apart_m > -0.02

@@ -123,7 +123,10 @@ class KinematicDrive(WheelDrive):
         """Whether a motion from the present pose meets an obstacle or a person."""
         pose = self._base.pose
         end_m = move_pose(pose, forward_m, turn_rad).xy_m
-        self._met_person = self._crowd is not None and self._crowd.touches(pose.xy_m, end_m)
+        if self._crowd is not None:
+            self._met_person = self._crowd.touches(pose.xy_m, end_m)
+            if self._crowd.doors.touches(pose.xy_m, end_m, self._description.footprint.radius_m):
+                return True
         return self._met_person or self._clearance.sweep_collides(pose, forward_m, turn_rad)
 
     def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:

@@ -88,11 +88,20 @@
   robot.add(nose);
 
   const people = data.people ? add("people", new THREE.Group()) : null;
-  for (const _ of data.people ? data.people[0] : []) {
-    const figure = new THREE.Mesh(new THREE.CylinderGeometry(0.16, 0.25, 1.7, 24), solid(colours.people));
+  for (const [, , radius, height] of data.people ? data.people[0] : []) {
+    // Who is tall is narrower at the top.
+    const top = height > 1 ? 0.64 * radius : radius;
+    const figure = new THREE.Mesh(new THREE.CylinderGeometry(top, radius, height, 24), solid(colours.people));
     figure.rotation.x = Math.PI / 2;
     people.add(figure);
   }
+  const leaves = (data.doors ? data.doors[0] : []).map(([, , , length]) => {
+    const shape = new THREE.BoxGeometry(length, 0.04, 2);
+    shape.translate(length / 2, 0, 1);
+    const leaf = new THREE.Mesh(shape, solid(colours.people));
+    people.add(leaf);
+    return leaf;
+  });
 
   const camera = add("camera", new THREE.Group());
   const corners = data.frustum, spokes = [];
@@ -176,7 +185,12 @@
     const yaw = poses[3 * frame + 2];
     robot.position.set(poses[3 * frame], poses[3 * frame + 1], 0);
     robot.rotation.z = yaw;
-    if (people) data.people[frame].forEach(([x, y], k) => people.children[k].position.set(x, y, 0.85));
+    if (people) data.people[frame].forEach(([x, y, , height], k) => people.children[k].position.set(x, y, height / 2));
+    leaves.forEach((leaf, k) => {
+      const [x, y, turned] = data.doors[frame][k];
+      leaf.position.set(x, y, 0);
+      leaf.rotation.z = turned;
+    });
     camera.matrixAutoUpdate = false;
     camera.matrix.fromArray(cameras, 16 * frame);
     camera.matrixWorldNeedsUpdate = true;

@@ -1,0 +1,138 @@
+"""Doors: shut until a person passes, walls until then, and open ways afterwards."""
+
+import math
+
+import numpy as np
+import pytest
+
+from anm_mj.config import make_config
+from anm_mj.errors import ConfigError, SceneError
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
+from anm_mj.people.crowd import PERIOD_S, Crowd
+from anm_mj.people.door_leaves import LEAF
+from anm_mj.people.people_config import PeopleConfig
+from anm_mj.people.walking_floor import BODY
+from anm_mj.sensing.pixel_state import judge_pixels, without_moved
+from anm_mj.sim.make_robot import make_robot
+from anm_mj.types import OCCUPIED, Action
+from tests.people.conftest import crowd_in, pose_at, standing_shown
+from tests.people.pictures import map_slice, save_picture
+
+ROBOT_M = 0.18
+HANDLE_M = 1.0
+BEFORE, AFTER = 20, 100
+"""Frames; a turn lasts 0.34 s."""
+
+
+@pytest.fixture(scope="module")
+def door(floor, scene):
+    """Middle of the first door, and the unit vector through it to the side where somebody stands at first."""
+    (x, y, yaw, length), *_ = Crowd(
+        PeopleConfig(number=1, doors=1), floor, scene.starts[0].xy_m, ROBOT_M, 0
+    ).doors.states
+    return np.array([x, y]) + length / 2 * np.array([math.cos(yaw), math.sin(yaw)]), np.array(
+        [-math.sin(yaw), math.cos(yaw)]
+    )
+
+
+def send_through(crowd: Crowd, door, start_s: float = 0.0) -> None:
+    """Let the first person stand before the door, and walk through it from a time on."""
+    middle, aside = door
+    crowd.xy_m[0] = middle + 1.0 * aside
+    crowd._path[0] = middle + np.linspace(1.0, -1.0, 21)[:, None] * aside
+    crowd._stand_until_s[0] = start_s
+
+
+def test_a_door_is_shut_until_somebody_passes_and_open_from_then_on(floor, scene, door):
+    middle, aside = door
+    crowd = Crowd(PeopleConfig(number=1, doors=1), floor, scene.starts[0].xy_m, ROBOT_M, 0)
+    send_through(crowd, door, 2.0)
+    far, shut_rad, sides, turned = scene.starts[0].xy_m, float(crowd.doors.yaw_rad[0]), [], []
+    for k in range(60):
+        crowd.follow((k + 1) * PERIOD_S, far)
+        sides.append(float((crowd.xy_m[0] - middle) @ aside))
+        turned.append(abs(float(crowd.doors.yaw_rad[0]) - shut_rad))
+        assert crowd.doors.gap_m(crowd.xy_m[0], BODY.radius_m) > -1e-9
+
+    assert max(turned[:19]) == 0.0
+    assert turned[-1] == pytest.approx(math.pi / 2)
+    assert np.diff(turned).min() >= 0.0
+    assert sides[0] > 0.9
+    assert min(sides) < -0.6
+
+
+def test_a_door_turns_into_nobody(floor, scene, door):
+    middle, aside = door
+    crowd = Crowd(PeopleConfig(number=1, doors=1), floor, scene.starts[0].xy_m, ROBOT_M, 0)
+    send_through(crowd, door)
+    behind = middle - 0.45 * aside
+
+    crowd.follow(5.0, behind)
+    assert crowd.doors.gap_m(behind, ROBOT_M) >= 0.0
+    crowd.follow(12.0, scene.starts[0].xy_m)
+    assert crowd.doors.gap_m(middle, 0.3) > 0.0
+
+
+@pytest.mark.parametrize("drive", ["kinematic", "physics"])
+def test_a_shut_door_stops_the_robot_and_every_camera_sees_it(scene, door, drive):
+    middle, aside = door
+    yaw_rad = math.atan2(-aside[1], -aside[0])
+    with make_robot(scene, people=PeopleConfig(number=1, doors=1), image_px=64, drive=drive) as robot:
+        crowd_in(robot)._stand_until_s[:] = 1e5
+        robot.place(pose_at(middle + 1.0 * aside, yaw_rad))
+        seen, true, shown = robot.observe(), robot.true_view(), standing_shown(robot)
+        results = [robot.act(Action.MOVE_FORWARD) for _ in range(16)]
+        apart_m = crowd_in(robot).doors.gap_m(robot.pose.xy_m, ROBOT_M)
+
+    assert shown.mean() > 0.2
+    assert np.isnan(true.depth_m[shown]).all()
+    assert seen.depth_m[32, 32] < 1.1
+    assert results[-1].collided
+    assert not results[-1].met_person
+    assert -0.02 < apart_m < 0.1
+
+
+@pytest.mark.slow
+def test_the_map_opens_with_the_door(scene, door):
+    """Leaves a picture, ``build/people/door.png``: image and map before, while and after somebody opens the door."""
+    middle, aside = door
+    grid = DepthOccupancy(OccupancyConfig(), MovingConfig(detect=True))
+    along = np.array([-aside[1], aside[0]])
+    leaf = np.column_stack([middle + np.linspace(-0.25, 0.25, 9)[:, None] * along, np.full(9, HANDLE_M)])
+    pictures, shut = [], []
+    with make_robot(scene, people=PeopleConfig(number=1, doors=1), image_px=128) as robot:
+        crowd = crowd_in(robot)
+        send_through(crowd, (middle, -aside), 0.34 * BEFORE)
+        robot.place(pose_at(middle + 1.7 * aside, math.atan2(-aside[1], -aside[0])))
+        for frame in range(AFTER):
+            told = judge_pixels(robot.observe())
+            moved = grid.find_moved(told)
+            told = told if moved is None else without_moved(told, moved)
+            grid.integrate(told.depth_m, told.intrinsics, told.T_world_camera, told.range_m, told.moved_m)
+            if frame in (BEFORE - 2, BEFORE + 5, AFTER - 1):
+                pictures.append(np.vstack([told.rgb, map_slice(grid, middle, HANDLE_M)]))
+                shut.append(np.mean(grid.state_at(leaf) == OCCUPIED))
+            robot.act(Action.TURN_LEFT if frame % 2 else Action.TURN_RIGHT)
+    save_picture("door", pictures)
+
+    assert shut[0] > 0.9
+    assert shut[-1] == 0.0
+
+
+def test_doors_need_people_and_doorways(floor, scene):
+    with pytest.raises(ConfigError, match=r"people.doors is 1, but people.number is 0, so that nobody opens them"):
+        make_config("default", ["people.doors=1"], scene="home")
+    with pytest.raises(SceneError, match=r"people.doors is 50, but \d doorways of the scene have room for a leaf"):
+        Crowd(PeopleConfig(number=1, doors=50), floor, scene.starts[0].xy_m, ROBOT_M, 0)
+
+
+def test_leaves_are_as_high_as_doors_and_hang_apart(floor, scene):
+    doors = Crowd(PeopleConfig(number=1, doors=4), floor, scene.starts[0].xy_m, ROBOT_M, 0).doors
+    middles = doors.hinge_m + doors.length_m[:, None] / 2 * np.column_stack(
+        [np.cos(doors.yaw_rad), np.sin(doors.yaw_rad)]
+    )
+
+    assert LEAF.z_max_m > 1.9
+    assert ((doors.length_m > 0.5) & (doors.length_m < 1.1)).all()
+    assert min(math.dist(a, b) for i, a in enumerate(middles) for b in middles[:i]) > 0.5
