@@ -21,8 +21,6 @@ _logger = logging.getLogger(__name__)
 
 PATIENT_TURNS = 3
 """After so many turns in place of a forward move, the policy looks for another way."""
-HURRY = 10
-"""What stands in the way is waited for by this part of the patience: it may stand for long. Two frames tell."""
 UNTRAINED = MapUpdate(math.nan, 0, 0)
 """Of a frame that the map has not learnt from."""
 
@@ -109,8 +107,7 @@ def is_blocked(
 def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> Action:
     """The action, or a wait in place of a forward step towards something that moves.
 
-    When patience is at an end, what moves becomes an obstacle of the map for now, and the plan ends. For what stands,
-    a fraction of it will do.
+    When patience is at an end, what moves becomes an obstacle of the map for now, and the plan ends.
     """
     seen = state.observation
     assert seen is not None
@@ -121,8 +118,7 @@ def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> 
         state.waited = 0
         return action
     state.waited += 1
-    patience = max(1, state.patience_steps // HURRY) if thing.stands else state.patience_steps
-    if state.waited % patience == 0 and isinstance(mapper, FindsMoved):
+    if state.waited % state.patience_steps == 0 and isinstance(mapper, FindsMoved):
         mapper.hold_moved(np.array([held_disc(thing, robot.footprint, seen.pose, seen.time_s)]))
         state.follower.drop()
     return Action.WAIT

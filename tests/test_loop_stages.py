@@ -44,11 +44,12 @@ def state_before(*things: MovingThing) -> LoopState:
     return state
 
 
-def test_a_robot_waits_patiently_and_then_takes_what_moves_for_an_obstacle():
+@pytest.mark.parametrize("velocity_mps", [(-0.3, 0.0), (0.0, 0.0)])
+def test_a_robot_waits_patiently_and_then_takes_what_moves_or_stands_for_an_obstacle(velocity_mps):
     robot, mapper, state = (
         Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)),
         Mock(spec=FindingMapper),
-        state_before(AHEAD),
+        state_before(replace(AHEAD, velocity_mps=velocity_mps)),
     )
     state.follower.start(Plan("", np.array([[0.0, 0.0], [3.0, 0.0]])))
 
@@ -62,13 +63,6 @@ def test_a_robot_waits_patiently_and_then_takes_what_moves_for_an_obstacle():
     state.things.things = []
     assert give_way(Action.MOVE_FORWARD, robot, mapper, state) is Action.MOVE_FORWARD
     assert state.waited == 0
-
-
-def test_what_stands_in_the_way_is_not_waited_for_long():
-    robot, mapper = Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)), Mock(spec=FindingMapper)
-    give_way(Action.MOVE_FORWARD, robot, mapper, state_before(replace(AHEAD, velocity_mps=(0.0, 0.0))))
-
-    assert mapper.hold_moved.called
 
 
 def test_a_robot_turns_whoever_is_near():
