@@ -57,7 +57,7 @@ class FieldLocaliser:
     The first frame's pose is taken as it comes: it defines the world.
     """
 
-    REBUILT = ("_map", "_base_pose")
+    REBUILT = ("_map", "_base_pose", "_compared")
 
     def __init__(
         self,
@@ -113,8 +113,8 @@ class FieldLocaliser:
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
         self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
-        self._points: FramePoints | None = None
-        """Of the last frame."""
+        self._compared: FrameToImages | None = None
+        """The last frame, for a comparison with earlier ones; needed until it is integrated."""
         self._is_chained = False
         """Whether the motion since the last keyframe is known."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
@@ -130,6 +130,7 @@ class FieldLocaliser:
     def localise(self, observation: Observation) -> PoseEstimate:
         """Estimate the pose of the next frame; see the protocol."""
         self._num_frames += 1
+        self._compared = None
         if self._T_camera_base is None:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
@@ -142,13 +143,14 @@ class FieldLocaliser:
         static_view = observation
         if self._map.config.moving.detect and not lost:
             static_view = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)
-        self._points = points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
+        points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
         image = key_image(observation, self.config.key_images.longest_px, noise)
-        extra = self._extra(static_view, image, points, prior, rng)
+        compared = self._compared = self._compare(static_view, image, points, prior.T_world_camera, rng)
+        extra = compared if compared is not None and compared.num_images else None
         align, known = self._map.backend.align, self._known
         start = None if extra is None else rotation_search(prior, extra, settings)
         found = register(points, prior, align, known, settings, extra, start)
@@ -182,21 +184,22 @@ class FieldLocaliser:
         graph = self.config.graph
         own = len(self._map.field.keyframes) == len(self._graph.poses) + 1
         # In a map that goes on from a prior run, that map says where everything is.
-        if not own or not (graph.adjust or graph.loops):
+        if not own or not graph.is_on:
             return
-        noise = self._map.occupancy.by_depth.noise.value
-        T = observation.T_world_camera
-        points = self._points
-        if points is None:
+        T, compared = observation.T_world_camera, self._compared
+        if compared is None:
             rng, settings = np.random.default_rng([self._seed, 22]), self.config.registration
+            noise = self._map.occupancy.by_depth.noise.value
             points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+            compared = self._compare(observation, self._key_images.images[-1], points, T, rng)
+            assert compared is not None
         # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
         deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
         motion = (
             Prior(T, self._basis.T @ np.diag(deviations**2) @ self._basis, self._basis) if self._is_chained else None
         )
         self._is_chained = True
-        correction = self._graph.add(points, T, motion, noise)
+        correction = self._graph.add(compared, T, motion)
         if correction is None:
             return
         self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
@@ -229,13 +232,18 @@ class FieldLocaliser:
         iterations = tracking.young_iterations if fresh else tracking.iterations
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
-    def _extra(
-        self, static_view: Observation, image: KeyImage, points: FramePoints, prior: Prior, rng: np.random.Generator
+    def _compare(
+        self,
+        static_view: Observation,
+        image: KeyImage,
+        points: FramePoints,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        rng: np.random.Generator,
     ) -> FrameToImages | None:
-        """Earlier frames that a frame is compared with."""
+        """Compares a frame with earlier ones that overlap it; None where no image is needed."""
         config = self.config.key_images
-        images = self._key_images.overlapping(points, prior.T_world_camera) if config.num_images else []
-        if not images:
+        images = self._key_images.overlapping(points, T_world_camera) if config.num_images else []
+        if not images and not self.config.graph.is_on:
             return None
         noise = self._map.occupancy.by_depth.noise.value
         image_points = draw_points(static_view, config.num_points, noise, self.config.registration.range_m, rng)

@@ -256,19 +256,22 @@ class FrameToImages:
             depth_share: What depth counts beside grey values. Depth errs by what many pixels share (bias, steps of
                 disparity), so that more of them tell no more.
         """
-        self._kept, self._images, self._points, self._noise_per_m = kept, images, points, noise_per_m
+        self._kept, self._images, self.points, self._noise_per_m = kept, images, points, noise_per_m
         self._coarse_gray, self._depth_share = coarse_gray, depth_share
 
     def __len__(self) -> int:
-        return len(self._points)
+        return len(self.points)
+
+    @property
+    def num_images(self) -> int:
+        """Images that the points are compared with."""
+        return len(self._images)
 
     def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
         """Sums over the points and images at a pose."""
         gray = self._coarse_gray if coarse else None
         parts = [
-            self._kept.equations(
-                image, self._points, T_world_camera, self._noise_per_m, kernel, gray, self._depth_share
-            )
+            self._kept.equations(image, self.points, T_world_camera, self._noise_per_m, kernel, gray, self._depth_share)
             for image in self._images
         ]
         # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
@@ -280,6 +283,10 @@ class FrameToImages:
             sum(part.mean_gray_cost for part in parts) / len(parts),
         )
 
+    def against(self, image: KeyImage) -> FrameToImages:
+        """The same points, compared with another image alone."""
+        return self._some([image], 1)
+
     def every(self, step: int) -> FrameToImages:
         """The same of each ``step``-th point."""
         return self._some(self._images, step)
@@ -290,7 +297,7 @@ class FrameToImages:
 
     def _some(self, images: list[KeyImage], step: int) -> FrameToImages:
         gray = np.ascontiguousarray(self._coarse_gray[::step])
-        points = self._points.every(step)
+        points = self.points.every(step)
         return FrameToImages(self._kept, images, points, gray, self._noise_per_m, self._depth_share)
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.key_images import KeyImage, KeyImages
 from anm_mj.localisation.localisation_config import GraphConfig
+from anm_mj.localisation.registration import Extra
 from anm_mj.localisation.se3 import camera_motion, moved_camera
-from anm_mj.mapping.alignment import FramePoints
 
 
 @dataclass(frozen=True)
@@ -28,25 +27,19 @@ class Measured:
 
 
 def measured(
-    images: KeyImages,
-    image: KeyImage,
-    points: FramePoints,
+    compared: Extra,
     T_start: Float[np.ndarray, "4 4"],
     covariance: Float64[np.ndarray, "k k"],
     basis: Float64[np.ndarray, "6 k"],
-    noise_per_m: float,
     config: GraphConfig,
 ) -> Measured:
     """Register a frame's points to one image, from a start that is believed as little as its covariance says.
 
     Args:
-        images: Compares points with an image.
-        image: The earlier frame.
-        points: Of the later frame.
-        T_start: Where its camera is sought from.
+        compared: Compares the points of the later frame with the earlier one.
+        T_start: Where the later camera is sought from.
         covariance: Of that, by the directions of ``basis``.
         basis: As of :class:`~.registration.Prior`.
-        noise_per_m: Of the depth.
         config: Steps and kernels.
     """
     prior = np.linalg.inv(covariance)
@@ -54,12 +47,12 @@ def measured(
     for iteration in range(config.iterations):
         share = min(1.0, iteration / max(1, config.iterations - 2))
         kernel = config.first_kernel * (config.kernel / config.first_kernel) ** share
-        sums = images.equations(image, points, T, noise_per_m, kernel)
+        sums = compared(T, kernel, share < 1.0)
         offset = basis.T @ camera_motion(T_start, T)
         hessian = config.information * (basis.T @ sums.hessian @ basis) + prior
         slope = config.information * (basis.T @ sums.gradient) + prior @ offset
         T = moved_camera(T, basis @ np.linalg.solve(hessian, -slope))
-    sums = images.equations(image, points, T, noise_per_m, config.kernel)
+    sums = compared(T, config.kernel, False)
     # Geman and McClure's cost saturates: what it lacks of the worst is how well the points fit.
     fit = 1.0 - sums.cost / (sums.num_points * config.kernel**2) if sums.num_points else 0.0
-    return Measured(T, config.information * sums.hessian, sums.num_points / max(1, len(points)), fit)
+    return Measured(T, config.information * sums.hessian, sums.num_points / max(1, len(compared)), fit)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.key_images import KeyImage, KeyImages
+from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages
 from anm_mj.localisation.keyframe_edges import measured
 from anm_mj.localisation.localisation_config import GraphConfig
 from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised
@@ -63,15 +63,14 @@ class KeyframeGraph:
         """Of the last keyframes: measurements to a place that is seen again, not believed yet."""
 
     def add(
-        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], motion: Prior | None, noise_per_m: float
+        self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"], motion: Prior | None
     ) -> Correction | None:
         """Add the frame that was last kept as a key image; returns which poses change by it.
 
         Args:
-            points: Of the frame.
+            compared: Compares its points with images.
             T_world_camera: Its estimated pose.
             motion: What odometry says of its pose, from that of the keyframe before; None = nothing.
-            noise_per_m: Of the depth.
         """
         node = len(self.poses)
         self.poses = np.concatenate((self.poses, T_world_camera[None]))
@@ -82,13 +81,11 @@ class KeyframeGraph:
             self.edges.append(
                 self._edge(node - 1, node, motion.T_world_camera, self._full(np.linalg.inv(motion.covariance)))
             )
-        near, old = self._chosen(points, T_world_camera, node)
+        near, old = self._chosen(compared.points, T_world_camera, node)
         covariance = self._basis.T @ np.diag([_LOOP_M**2] * 3 + [_LOOP_RAD**2] * 3) @ self._basis
         loops: list[Edge] = []
         for image in (*near, *old):
-            one = measured(
-                self._images, image, points, T_world_camera, covariance, self._basis, noise_per_m, self.config
-            )
+            one = measured(compared.against(image), T_world_camera, covariance, self._basis, self.config)
             if one.overlap >= self.config.least_overlap and one.fit >= self.config.least_fit:
                 edge = self._edge(image.node, node, one.T_world_camera, one.information)
                 edge = replace(edge, kernel=self.config.edge_kernel)

@@ -198,6 +198,11 @@ class GraphConfig(Settings, group="localisation.graph", error=MapError):
     rebuild_iterations: int = setting(100, at_least=0, at_most=100_000)
     """with so many iterations."""
 
+    @property
+    def is_on(self) -> bool:
+        """Whether keyframes are measured against each other."""
+        return self.adjust or self.loops
+
 
 @dataclass(frozen=True)
 class RelocalisationConfig(Settings, group="localisation.relocalisation", error=MapError):

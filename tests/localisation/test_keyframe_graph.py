@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.key_images import FrameToImages, KeyImages, coarse_gray_at
 from anm_mj.localisation.keyframe_graph import Correction, KeyframeGraph
 from anm_mj.localisation.localisation_config import GraphConfig, KeyImageConfig
 from anm_mj.localisation.pose_graph import Edge
@@ -45,7 +45,8 @@ def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[Keyframe
             motion = Prior(graph.poses[-1] @ between, STEP_COVARIANCE, PLANAR)
         images.add(placed, 0.0)
         points = draw_points(placed, 500, 0.0, 8.0, np.random.default_rng(step))
-        correction = graph.add(points, T, motion, 0.0)
+        gray = coarse_gray_at(images.images[-1], points)
+        correction = graph.add(FrameToImages(images, [], points, gray, 0.0, 1.0), T, motion)
         if correction is not None:
             corrections.append(correction)
             offset = correction.T_world_camera[-1] @ np.linalg.inv(frame.T_world_camera)
