@@ -32,11 +32,12 @@ from anm_mj.localisation.registration import (
     register_from_several,
     rotation_search,
 )
-from anm_mj.localisation.relocalisation_scores import Hypothesis
+from anm_mj.localisation.relocalisation_scores import Hypothesis, frame_score
 from anm_mj.localisation.relocaliser import Relocaliser
+from anm_mj.localisation.training_pace import TrainingPace
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
-from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
+from anm_mj.types import MapUpdate, Observation, Pose2
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -101,12 +102,13 @@ class FieldLocaliser:
         self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
         self._tilts = tuple(tilts)
         self._num_frames = 0
-        self._num_mapped = 0
-        self._since_keyframe = 0
+        self._pace = TrainingPace(config.tracking)
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._costs: list[float] = []
         """A point's, of the registrations of the last frames that fitted."""
+        self._scores: list[float] = []
+        """How well these frames fitted."""
         self._motion_noise = MotionNoise(config.motion)
         self._scale = self._motion_noise.scale
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
@@ -161,10 +163,14 @@ class FieldLocaliser:
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         misfit |= is_jump(prior, found, self.config.registration)
         misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
+        score = frame_score(fits, found, self.config.relocalisation)
+        # After a push a frame may fit where the camera is not.
+        misfit |= self._misfits >= tracking.doubt_frames and score < self.config.relocalisation.least(self._usual_score)
         if misfit or found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=misfit)
         self._misfits = 0
         self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
+        self._scores = [*self._scores, score][-_USUAL_FRAMES:]
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
@@ -173,7 +179,13 @@ class FieldLocaliser:
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
-        effort = self._effort(estimate)
+        effort = self._pace.next(estimate.quality.known)
+        if effort.is_keyframe:
+            noise = self._map.occupancy.by_depth.noise.value
+            if not math.isfinite(noise):
+                # The map has not seen the sensor yet.
+                noise = inverse_depth_noise(estimate.observation.depth_m) or 0.0
+            self._key_images.add(estimate.observation, noise)
         update = self._map.integrate(estimate.observation, effort)
         if effort.is_keyframe:
             self._correct(estimate.observation)
@@ -210,28 +222,6 @@ class FieldLocaliser:
                 _logger.info(text, observation.step, 100.0 * correction.largest_m)
             self._map.rebuild((image.view for image in self._key_images.images), graph.rebuild_iterations)
 
-    def _effort(self, estimate: PoseEstimate) -> TrainingEffort:
-        """How much to train on a usable frame.
-
-        The first frames decide all later drift: they are trained on longer. Frames that show much that the map does not
-        know yet become keyframes sooner, or the next frame would be registered to what only one batch has shown.
-        """
-        self._num_mapped += 1
-        tracking = self.config.tracking
-        young = self._num_mapped <= tracking.young_frames
-        fresh = young or estimate.quality.known < tracking.familiar
-        self._since_keyframe += 1
-        is_keyframe = self._since_keyframe >= (tracking.fresh_keyframe_every if fresh else tracking.keyframe_every)
-        if is_keyframe:
-            self._since_keyframe = 0
-            noise = self._map.occupancy.by_depth.noise.value
-            if not math.isfinite(noise):
-                # The map has not seen the sensor yet.
-                noise = inverse_depth_noise(estimate.observation.depth_m) or 0.0
-            self._key_images.add(estimate.observation, noise)
-        iterations = tracking.young_iterations if fresh else tracking.iterations
-        return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
-
     def _compare(
         self,
         static_view: Observation,
@@ -259,7 +249,9 @@ class FieldLocaliser:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
         by_depth = neural_map.occupancy.by_depth
         tilts = self._possible_tilts(prior, points)
-        believed = finder.look(points, tilts, self._basis, neural_map.backend.align, self._known, by_depth)
+        believed = finder.look(
+            points, tilts, self._basis, neural_map.backend.align, self._known, by_depth, self._usual_score
+        )
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
         finder.restart()
@@ -317,6 +309,11 @@ class FieldLocaliser:
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
+
+    @property
+    def _usual_score(self) -> float:
+        """What frames scored of late; NaN before any did."""
+        return float(np.median(self._scores)) if self._scores else math.nan
 
     def _is_sure(self) -> bool:
         position, rotation = largest_deviations(self._basis @ self._covariance @ self._basis.T)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -137,6 +138,8 @@ class TrackingConfig(Settings, group="localisation.tracking", error=MapError):
     """And when the standard deviation of its position is at most this [m]."""
     most_deviation_rad: float = 0.03
     """And that of its rotation at most this [rad]."""
+    doubt_frames: int = setting(2, at_most=1000)
+    """After so many frames in a row that do not fit, one has to score as a place that a lost camera is found at."""
     lost_frames: int = setting(5, at_most=1000)
     """So many frames in a row that do not fit make the camera lost."""
     young_frames: int = setting(60, at_least=0)
@@ -236,12 +239,18 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     """Most steps of Gauss-Newton for each."""
     least_known: float = 0.5
     """A frame of whose points the map knows a smaller share counts for less."""
-    least_score: float = setting(0.6, at_most=1.0)
+    least_score: float = setting(0.7, at_most=1.0)
     """A place is believed whose mean score over frames is at least this, in [0, 1],"""
+    usual_share: float = setting(0.85, at_most=1.0)
+    """or this share of what frames scored while the camera was tracked,"""
     least_lead: float = setting(0.2, at_least=0.0)
     """leads every other by at least this over the root of the frames that both were compared with,"""
     frames: int = setting(4, at_most=1000)
     """over at least so many frames."""
+
+    def least(self, usual_score: float) -> float:
+        """The score from which on a place is believed, where frames scored so much of late; NaN = nobody knows."""
+        return self.least_score if math.isnan(usual_score) else min(self.least_score, self.usual_share * usual_score)
 
     def registration(self, usual: RegistrationConfig) -> RegistrationConfig:
         """The settings by which a candidate is registered."""

@@ -10,10 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.localisation_config import RelocalisationConfig
-from anm_mj.localisation.occupancy_agreement import agreement
+from anm_mj.localisation.occupancy_agreement import Agreement
 from anm_mj.localisation.registration import Registration
-from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.depth_occupancy import DepthOccupancy
 
 _DOUBT_FRAMES = 2
 """Frames of half a score that every hypothesis begins with."""
@@ -40,23 +38,28 @@ class Hypothesis:
         return (self.score + 0.5 * _DOUBT_FRAMES) / (self.num_frames + _DOUBT_FRAMES)
 
 
-def frame_score(
-    points: FramePoints, found: Registration, occupancy: DepthOccupancy, config: RelocalisationConfig
-) -> float:
+def frame_score(fits: Agreement, found: Registration, config: RelocalisationConfig) -> float:
     """How well a frame fits where it was registered, in [0, 1]."""
-    fits = agreement(points.camera_m, found.T_world_camera, occupancy)
     # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
     certain = min(1.0, fits.known / config.least_known)
     # Rooms of one shape are told apart by their colours, which light changes.
     return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
 
 
-def believable(hypotheses: Sequence[Hypothesis], config: RelocalisationConfig) -> Hypothesis | None:
-    """The hypothesis that enough frames confirm while no other is nearly as good, if there is one."""
+def believable(
+    hypotheses: Sequence[Hypothesis], config: RelocalisationConfig, usual_score: float = math.nan
+) -> Hypothesis | None:
+    """The hypothesis that enough frames confirm while no other is nearly as good, if there is one.
+
+    Args:
+        hypotheses: All places where the camera may be.
+        config: What is enough.
+        usual_score: What frames scored while the camera was tracked; NaN = nobody knows.
+    """
     if not hypotheses:
         return None
     best, *others = sorted(hypotheses, key=lambda each: -each.sobered)
-    if best.num_frames < config.frames or best.mean < config.least_score:
+    if best.num_frames < config.frames or best.mean < config.least(usual_score):
         return None
     leads = (
         (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)

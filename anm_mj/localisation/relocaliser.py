@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
 from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
-from anm_mj.localisation.registration import Aligner, Known, Prior, register
+from anm_mj.localisation.occupancy_agreement import agreement
+from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
 from anm_mj.localisation.relocalisation_scores import Hypothesis, believable, frame_score
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
@@ -80,6 +81,7 @@ class Relocaliser:
         align: Aligner,
         known: Known,
         occupancy: DepthOccupancy,
+        usual_score: float = math.nan,
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
 
@@ -90,6 +92,7 @@ class Relocaliser:
             align: The field.
             known: Which of its places can be trusted.
             occupancy: What is free and occupied.
+            usual_score: As of :func:`~.relocalisation_scores.believable`.
         """
         config = self.config.relocalisation
         near = FramePoints(*(each[points.camera_m[:, 2] <= config.range_m] for each in _fields(points)))
@@ -111,7 +114,7 @@ class Relocaliser:
                     self.hypotheses.append(fresh)
         self._prune()
         self._past = [*self._past, _PastFrame(points)][-_PAST_FRAMES:]
-        believed = believable(self.hypotheses, config)
+        believed = believable(self.hypotheses, config, usual_score)
         # Without odometry nobody knows where a camera in the hand was before.
         while believed is not None and not is_free:
             missed = self._past[: -believed.num_frames]
@@ -120,9 +123,9 @@ class Relocaliser:
             for past in missed:
                 prior = Prior(believed.T_world_camera @ np.linalg.inv(past.T_then_now), covariance, basis)
                 found = register(past.points, prior, align, known, self._settings)
-                believed.score += frame_score(past.points, found, occupancy, config)
+                believed.score += self._score(past.points, found, occupancy)
             believed.num_frames += len(missed)
-            believed = believable(self.hypotheses, config)
+            believed = believable(self.hypotheses, config, usual_score)
         if believed is not None and self._is_local(believed, points, covariance, basis, align, known, occupancy):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
@@ -162,7 +165,7 @@ class Relocaliser:
             hypothesis.T_world_camera = best.T_world_camera
             return False
         # The field alone may fit better where the walls do not: what decides between places decides here too.
-        if frame_score(points, best, occupancy, config) <= frame_score(points, here, occupancy, config):
+        if self._score(points, best, occupancy) <= self._score(points, here, occupancy):
             return False
         hypothesis.T_world_camera = best.T_world_camera
         return True
@@ -180,8 +183,12 @@ class Relocaliser:
         prior = Prior(hypothesis.T_world_camera, covariance, basis)
         found = register(points, prior, align, known, self._settings)
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
-        hypothesis.score += frame_score(points, found, occupancy, self.config.relocalisation)
+        hypothesis.score += self._score(points, found, occupancy)
         hypothesis.num_frames += 1
+
+    def _score(self, points: FramePoints, found: Registration, occupancy: DepthOccupancy) -> float:
+        fits = agreement(points.camera_m, found.T_world_camera, occupancy)
+        return frame_score(fits, found, self.config.relocalisation)
 
     def _prune(self) -> None:
         """Keep the best, one of each place."""

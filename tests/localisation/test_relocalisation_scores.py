@@ -1,0 +1,40 @@
+"""From which scores on a lost camera's place is believed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from anm_mj.localisation.localisation_config import RelocalisationConfig
+from anm_mj.localisation.relocalisation_scores import Hypothesis, believable
+
+CONFIG = RelocalisationConfig()
+
+
+def place(x_m: float, mean: float, num_frames: int) -> Hypothesis:
+    T = np.eye(4)
+    T[0, 3] = x_m
+    return Hypothesis(T, mean * num_frames, num_frames)
+
+
+@pytest.mark.parametrize(
+    ("usual_score", "believed"),
+    [
+        # Without any experience the fixed bound counts.
+        (math.nan, False),
+        # A sensor whose frames never fit better asks for no more.
+        (0.7, True),
+        # The bound is never higher than the fixed one.
+        (0.95, False),
+    ],
+)
+def test_a_place_has_to_fit_as_frames_usually_do(usual_score: float, believed: bool) -> None:
+    assert (believable([place(0.0, 0.65, 12)], CONFIG, usual_score) is not None) == believed
+
+
+def test_a_place_is_believed_when_no_other_is_nearly_as_good() -> None:
+    best = place(0.0, 0.9, 6)
+    assert believable([best, place(5.0, 0.5, 6)], CONFIG) is best
+    assert believable([best, place(5.0, 0.88, 6)], CONFIG) is None
+    assert believable([place(0.0, 0.9, CONFIG.frames - 1)], CONFIG) is None
+    assert believable([], CONFIG) is None
