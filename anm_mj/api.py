@@ -181,7 +181,7 @@ def explore_scene(
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
     preset: str = "default",
-    sensor: str = "exact",
+    sensor: str | None = None,
     settings: Sequence[str] = (),
     on_step: Callable[[Stepped], object] | None = None,
     observers: Sequence[Observer] = (),
@@ -198,14 +198,14 @@ def explore_scene(
         seed: of everything random.
         out: the run folder; None = a new one below ``runs/``.
         preset: mapping effort.
-        sensor: errors of the camera, by name.
+        sensor: errors of the camera, by name; None = none, or those of the reality.
         settings: ``group.name=value`` each, as for ``--set``.
         on_step: called after every step; the run ends (``INTERRUPTED``) when it returns True.
         observers: hear every event of the run (:mod:`anm_mj.events`), such as a viewer.
         continue_from: folder of a run whose map and explored state this one begins with; None = with nothing.
         return_to_start: whether the robot drives back to its start before the run ends, in time for the budget.
-        **options: ``start`` (x [m], y [m], yaw [deg]), ``unknown_start``, ``robot``, ``drive``, ``pose``, ``goal`` and
-            ``device``, as on the command line.
+        **options: ``start`` (x [m], y [m], yaw [deg]), ``unknown_start``, ``reality``, ``robot``, ``drive``, ``pose``,
+            ``goal`` and ``device``, as on the command line.
 
     Raises:
         AnmError: the scene, start, policy, a setting, the renderer or the output folder cannot be used.

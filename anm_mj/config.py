@@ -23,6 +23,7 @@ from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.config import RecordConfig
+from anm_mj.sim.reality import IDEAL, reality_of
 from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig, require_choice
 from anm_mj.utils.settings import of_type
@@ -43,6 +44,7 @@ OPTIONS = {
     "budget": "--budget RULE",
     "seed": "--seed S",
     "start": "--start X,Y,YAW_DEG",
+    "reality": "--reality WORLD",
     "robot": "--robot ROBOT",
     "drive": "--drive DRIVE",
     "pose": "--pose POSE",
@@ -128,14 +130,21 @@ Kind = TypeVar("Kind", bound=RunConfig)
 
 
 def make_config(
-    preset: str, settings: list[str], *, sensor: str = "exact", kind: type[Kind] = RunConfig, **options: Any
+    preset: str,
+    settings: list[str],
+    *,
+    sensor: str | None = None,
+    reality: str = IDEAL,
+    kind: type[Kind] = RunConfig,
+    **options: Any,
 ) -> Kind:
     """The configuration of a preset with options and single settings laid over it.
 
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`.
+        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`; None = that of the reality.
+        reality: a key of :data:`anm_mj.sim.reality.REALITIES`; its options and settings come before all others.
         kind: the class of the configuration.
         **options: its fields.
 
@@ -144,8 +153,13 @@ def make_config(
         PlanError: there is no such policy, or a planning setting is out of range.
         RobotError: there is no such sensor, or a sensor or robot setting is out of range.
     """
-    config = _default_config(kind, preset, sensor=sensor_config(sensor), **options)
-    values = {}
+    world = reality_of(reality)
+    options = {**world.options, "sensor": sensor or world.options.get("sensor", "exact"), **options}
+    options["sensor"] = sensor_config(options["sensor"])
+    config = _default_config(kind, preset, reality=reality, **options)
+    values: dict[tuple[str, ...], Any] = {
+        (group, name): value for group, own in world.settings.items() for name, value in own.items()
+    }
     for text in settings:
         name, equals, value = text.partition("=")
         if not equals:

@@ -83,6 +83,10 @@ class Drive(Protocol):
         """Put the robot at a pose, at rest, regardless of obstacles."""
         ...
 
+    def reseed(self, seed: int) -> None:
+        """Begin the errors of the wheel encoders of a seed."""
+        ...
+
     @property
     def pose(self) -> Pose2:
         """The true pose of the base."""

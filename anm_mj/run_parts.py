@@ -209,4 +209,5 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         robot.camera_kind,
         config.sensor.name,
         config.people.number,
+        config.reality,
     )

@@ -18,6 +18,7 @@ from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.curve_figure import draw_curves
 from anm_mj.bench.executor import UNFINISHED, run_jobs
 from anm_mj.bench.job import Job
+from anm_mj.bench.oracle_run import turn_of
 from anm_mj.bench.overview_figure import draw_overview
 from anm_mj.bench.read_result import finished, read_result, revision_text
 from anm_mj.bench.report_page import BADGE, CARD, badge_svg, data_card, headline, write_page
@@ -29,7 +30,6 @@ from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
-from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.scene.folder import load_scene
 from anm_mj.utils.files import file_name, write_text
 from anm_mj.utils.package_data import checkout
@@ -183,11 +183,11 @@ def _prepare(jobs: Sequence[Job], file: Path, out: Path, command: str) -> None:
 def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:
     """Jobs in the order in which they are run, start by start, so that tables of a part compare all policies.
 
-    The oracles of a start come last, because they begin from what the others have found.
+    The oracles of a start come last, tour after tour, because they begin from what the others have found.
     """
 
-    def stage(job: Job) -> tuple[int, bool]:
-        return job.start, needs_truth(job.policy)
+    def stage(job: Job) -> tuple[int, int]:
+        return job.start, turn_of(job)
 
     for _, group in itertools.groupby(sorted(jobs, key=stage), key=stage):
         yield list(group)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -14,10 +15,12 @@ from msgspec import Meta
 from anm_mj.config import MOST_STEPS, RunConfig, make_config
 from anm_mj.io.run_shapes import Count, Number
 from anm_mj.planning.policies.registry import policy_entry
+from anm_mj.sim.reality import IDEAL, REALITIES
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.files import file_name
 
 CONDITIONS: dict[str, str] = {
+    "reality": RunConfig.reality,
     "preset": RunConfig.preset,
     "robot": RunConfig.robot,
     "drive": RunConfig.drive,
@@ -27,7 +30,7 @@ CONDITIONS: dict[str, str] = {
 }
 """Options of a run that a comparison varies beside policy and settings, and their defaults, which variant names leave
 out."""
-PLATFORM = ("robot", "drive", "pose", "sensor")
+PLATFORM = ("reality", "robot", "drive", "pose", "sensor")
 """Conditions in which runs agree where two policies are compared."""
 UNTRAINED = (
     "mapping.schedule.first_iterations=0",
@@ -63,6 +66,8 @@ class Job:
     """Name of a builtin robot, or its MJCF file."""
     drive: str = CONDITIONS["drive"]
     pose: str = CONDITIONS["pose"]
+    reality: str = CONDITIONS["reality"]
+    """The world that its conditions and settings began with, which they hold."""
     goal: str = CONDITIONS["goal"]
     """What the run is for: coverage, reconstruction, or both in this order."""
     views: bool = True
@@ -122,6 +127,13 @@ def variant(row: Mapping[str, Any]) -> str:
     Args:
         row: Of the results table: ``policy``, the keys of ``CONDITIONS``, and ``settings`` as one text.
     """
-    special = [row[key] for key, usual in CONDITIONS.items() if row[key] != usual]
-    text = " ".join(text for text in (*special, row["settings"]) if text)
+    world = REALITIES[row.get("reality") or IDEAL]
+    special = [row[key] for key, usual in CONDITIONS.items() if row[key] != world.options.get(key, usual)]
+    parts = [*special, *each_setting(row["settings"])]
+    text = " ".join(part for part in parts if part not in world.texts)
     return f"{row['policy']} ({text})" if text else row["policy"]
+
+
+def each_setting(text: str) -> list[str]:
+    """The settings of a text, as the results table has them; values may hold spaces."""
+    return [setting for setting in re.split(r" (?=[\w.]+=)", text) if setting]

@@ -10,18 +10,32 @@ from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import PLATFORM, Job
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
+from anm_mj.evaluation.oracle.tour_measure import MEASURES
 from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.io.read_run import read_json
+from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.run_parts import make_parts
 from anm_mj.utils.files import write_text
 from anm_mj.utils.read_file import convert
 
+_MEASURE = "policy.measure="
 _SHARED = ("scene_hash", "start_pose", *PLATFORM)
 """What a run must share with the oracle's for its poses to be worth a try."""
 
 
+def turn_of(job: Job) -> int:
+    """When a run is made, among those from its start: 0 for policies, then the oracle's tours, measure by measure.
+
+    An oracle begins its search from what was made before.
+    """
+    if not needs_truth(job.policy):
+        return 0
+    named = [setting.removeprefix(_MEASURE) for setting in job.settings if setting.startswith(_MEASURE)]
+    return 1 + (MEASURES.index(named[-1]) if named and named[-1] in MEASURES else 0)
+
+
 def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
-    """The configuration of an oracle's run that also begins its search from what the other runs have found.
+    """The configuration of an oracle's run that also begins its search from what the runs before it have found.
 
     Args:
         config: Of the run.
@@ -31,7 +45,7 @@ def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
     folders = []
     for path in sorted(runs.glob(f"[!.]*/{RESULT}")):
         other = convert(read_json(path), Job)
-        if other.policy != job.policy and all(other.facts[key] == job.facts[key] for key in _SHARED):
+        if turn_of(other) < turn_of(job) and all(other.facts[key] == job.facts[key] for key in _SHARED):
             folders.append(str(path.parent))
     return replace(config, policy_settings=replace(config.policy_settings, warm_start=os.pathsep.join(folders)))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from jaxtyping import Float
 from msgspec import Struct
 
 from anm_mj.bench.bench_error import BenchError
-from anm_mj.bench.job import Job
+from anm_mj.bench.job import Job, each_setting
 from anm_mj.bench.worker import BOUND
 from anm_mj.config import RunConfig
 from anm_mj.errors import RunFolderError
@@ -224,8 +223,8 @@ def split_settings(text: str) -> tuple[list[str], list[str]]:
     """Settings of the robot's body and sensors, such as its encoders' noise, and the others.
 
     Args:
-        text: Settings as one text, as in the results table; values may hold spaces.
+        text: Settings as one text, as in the results table.
     """
-    settings = [setting for setting in re.split(r" (?=[\w.]+=)", text) if setting]
+    settings = each_setting(text)
     robot = [setting for setting in settings if setting.startswith(OF_THE_ROBOT)]
     return robot, [setting for setting in settings if setting not in robot]

@@ -1,8 +1,8 @@
 """Suites: comparisons that come with the package, so that everybody can repeat them.
 
 ``tune`` is for choosing settings. ``test`` is for judging them: other seeds, never used for a choice. ``large`` holds
-buildings of 40 to 60 rooms. In ``people``, people walk about. ``smoke`` takes minutes. All these are on generated
-scenes; ``open`` is on scenes of others, which the user imports.
+buildings of 40 to 60 rooms. In ``people``, people walk about. ``real`` has the buildings of ``test`` in the real world.
+``smoke`` takes minutes. All these are on generated scenes; ``open`` is on scenes of others, which the user imports.
 """
 
 from __future__ import annotations

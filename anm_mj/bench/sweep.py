@@ -32,6 +32,8 @@ Those of others are named with where they come from (:mod:`anm_mj.bench.imported
     file = "worlds/house.world"
     licence = "MIT"
 
+``reality = ["ideal", "real"]`` runs all in both worlds (:mod:`anm_mj.sim.reality`).
+
 ``suite = "tune"`` makes the scenes of a suite (:mod:`anm_mj.bench.suite`) known by their names.
 """
 
@@ -56,6 +58,7 @@ from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.sim.reality import IDEAL, reality_of
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml
@@ -80,6 +83,8 @@ class Sweep:
     of rooms; ``both``: the longer of the area's and the paper's, and the tables have each run cut at both."""
     preset: str = CONDITIONS["preset"]
     """Of the map, as ``anm-mj explore --preset`` has it."""
+    reality: str = CONDITIONS["reality"]
+    """``ideal``, ``real`` or a list of both, as of ``anm-mj explore``; what is given beside it goes before it."""
     sensor: tuple[str, ...] = (CONDITIONS["sensor"],)
     """Names of the sensors whose errors are simulated; one or a list of them."""
     robot: tuple[str, ...] = (CONDITIONS["robot"],)
@@ -129,7 +134,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
     if num_runs > MAX_RUNS:
         raise BenchError(f"{path} asks for {num_runs} runs, but they end at {MAX_RUNS}; set ANM_MJ_MAX_RUNS for more.")
     for sweep in sweeps:
-        if not sweep.settings:
+        if sweep.settings == reality_of(sweep.reality).texts:
             sweep = replace(sweep, policies=list(dict.fromkeys((*sweep.policies, *more_policies))))
         for name in sweep.scenes:
             scene = _scene(path, name, provided.get(name))
@@ -191,7 +196,18 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
         raise BenchError(f"{path}: sweep must be a list of tables; write [[sweep]] above each.")
     if not sweeps:
         raise BenchError(f"{path}: sweep is empty, so that there is nothing to run; give one, or leave it out.")
-    return [_sweep(path, {**common, **sweep}) for sweep in sweeps], provided
+    return [one for sweep in sweeps for one in _in_each_reality(path, {**common, **sweep})], provided
+
+
+def _in_each_reality(path: Path, entries: dict[str, Any]) -> list[Sweep]:
+    """A sweep for each reality that its entries name, with its conditions and settings below those that are given."""
+    named = entries.get("reality", IDEAL)
+    found = []
+    for name in named if isinstance(named, list) and named else [named]:
+        world = reality_of(_entry(path, "reality", name))
+        settings = [*world.texts, *_entry(path, "settings", entries.get("settings", []))]
+        found.append(_sweep(path, {**world.options, **entries, "reality": name, "settings": settings}))
+    return found
 
 
 def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
@@ -220,7 +236,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             f"starts is {sweep.starts}, but scene {scene.name} names {len(scene.starts)} start poses; give 1 to that."
         )
     steps, cuts = _budget(sweep, scene)
-    shared = {key: getattr(sweep, key) for key in ("preset", "views", "maps", "settings")}
+    shared = {key: getattr(sweep, key) for key in ("preset", "reality", "views", "maps", "settings")}
     jobs = [
         Job(
             scene=where,

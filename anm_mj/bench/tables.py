@@ -12,6 +12,7 @@ from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
 from anm_mj.bench.localisation_table import COLUMNS as OF_THE_POSE
 from anm_mj.bench.localisation_table import PAIRED, localisation_table
 from anm_mj.bench.markdown_table import Rows, heading, numbers, split_by, table
+from anm_mj.bench.reality_table import reality_table
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
@@ -128,7 +129,7 @@ def _overall(rows: Rows, by: str) -> list[str]:
         special = [row for row in rows if row["policy"] == policy and row["variant"] != name]
         title, text = f"{name} against its variants", f"{name} minus the variant."
         parts.append(difference_table(plain, special, TASK, title, text, by))
-    parts.append(localisation_table(rows, by))
+    parts += [reality_table(rows, by), localisation_table(rows, by)]
     return [part for part in parts if part]
 
 

@@ -39,7 +39,7 @@ def _run_fields() -> tuple[type, Mapping[str, Option]]:
 def run_config(
     scene: str,
     *,
-    sensor: Annotated[str, Option(names=lambda: SENSORS)] = "exact",
+    sensor: Annotated[str | None, Option(names=lambda: SENSORS)] = None,
     target: Annotated[str | None, Option("NAME")] = None,
     no_visibility_guidance: bool = False,
     no_bootstrap: bool = False,
@@ -52,7 +52,7 @@ def run_config(
 
     Args:
         scene: name from the catalogue, a scene folder, or a file to import
-        sensor: errors of the camera, in detail by --set sensor.NAME=VALUE
+        sensor: errors of the camera (exact by default), in detail by --set sensor.NAME=VALUE
         target: how a policy of the paper chooses a vertex: hierarchical, best-anchored or random (policy.target=NAME)
         no_visibility_guidance: neither prefer nor turn to regions (policy.visibility_guidance=false)
         no_bootstrap: no rotation before the first decision (policy.bootstrap_turns=0)

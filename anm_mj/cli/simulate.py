@@ -16,7 +16,7 @@ def _robot_fields() -> tuple[type, dict[str, Option]]:
     from anm_mj.config import OPTIONS
     from anm_mj.sim.simulation_config import SimulationConfig
 
-    return SimulationConfig, {name: Option(OPTIONS[name]) for name in ("robot", "drive", "seed", "start")}
+    return SimulationConfig, {name: Option(OPTIONS[name]) for name in ("reality", "robot", "drive", "seed", "start")}
 
 
 def simulate(
@@ -27,7 +27,7 @@ def simulate(
     rate: Annotated[float, Option("N")] = 1.0,
     image_hz: Annotated[float, Option("HZ")] = 10.0,
     duration: Annotated[float | None, Option("SECONDS")] = None,
-    sensor: Annotated[str, Option(names=lambda: SENSORS)] = "exact",
+    sensor: Annotated[str | None, Option(names=lambda: SENSORS)] = None,
     settings: Settings = (),
     **options: Annotated[Any, Fields(_robot_fields)],
 ) -> int:
@@ -42,7 +42,7 @@ def simulate(
         rate: simulated seconds per second; what cannot be drawn in time is left out
         image_hz: pairs of colour and depth per simulated second
         duration: end after so many simulated seconds; by default at Ctrl-C
-        sensor: errors of the camera, in detail by --set sensor.NAME=VALUE
+        sensor: errors of the camera (exact by default), in detail by --set sensor.NAME=VALUE
         settings: settings of robot and sensor, as in model.wheel_noise=0.02; may be repeated
         **options: fields of ``SimulationConfig``
 

@@ -10,6 +10,8 @@ from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import ConfigError, RobotError, TaskError
 from anm_mj.people.people_config import PeopleConfig
+from anm_mj.robot.robot_presets import preset_config
+from anm_mj.sim.reality import IDEAL, reality_of
 from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import FORWARD_STEP_M
@@ -19,6 +21,7 @@ REACH_M = 1000.0
 MAX_STEPS = int(REACH_M / (FORWARD_STEP_M + 0.001))
 """Longest episode of discrete actions [steps]; the physics drive may overshoot a step by a millimetre."""
 MAX_VELOCITY_STEPS = int(0.99 * REACH_M / (MotionLimits().forward_mps * CONTROL_S))
+POSES = ("true", "odometry")
 REWARDS = ("surface", "area", "information")
 
 
@@ -30,8 +33,13 @@ class EnvironmentConfig:
     """Steps until truncation; None = the scene's budget, or else by its floor."""
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg] of every episode; None = a random reachable pose per episode."""
+    reality: str = IDEAL
+    """``ideal``, or ``real``: physics, a stereo camera whose images are late, odometry that drifts, three people.
+    Options beside it go before it. Nothing localises the robot here, so that its pose is that of odometry."""
     drive: str = SimulationConfig.drive
     """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact)."""
+    pose: str = SimulationConfig.pose
+    """What the observed pose is: ``true``, or by wheel ``odometry``."""
     image_px: int = 128
     """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
     pixels cover slightly less."""
@@ -54,11 +62,13 @@ class EnvironmentConfig:
     ``information`` that the occupancy grid gains [bits]."""
 
     def __post_init__(self) -> None:
-        """Check the values. Raises TaskError for an unknown drive or sensor, or a number out of range."""
+        """Check the values. Raises TaskError for an unknown drive, pose or sensor, or a number out of range."""
         if self.num_steps is not None and not 1 <= self.num_steps <= self.max_steps:
             raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {self.max_steps} steps.")
         if self.actions not in ACTION_SETS:
             raise TaskError(f'There are no actions "{self.actions}"; choose one of {", ".join(ACTION_SETS)}.')
+        if self.pose not in POSES:
+            raise TaskError(f'There is no pose "{self.pose}" here; choose one of {", ".join(POSES)}.')
         if self.reward not in REWARDS:
             raise TaskError(f'There is no reward "{self.reward}"; choose one of {", ".join(REWARDS)}.')
         try:
@@ -69,10 +79,18 @@ class EnvironmentConfig:
     @property
     def simulation(self) -> SimulationConfig:
         """What the simulated robot is made of; every episode has its own scene, start and seed."""
-        sensor = sensor_config(self.sensor)
-        people = PeopleConfig(number=self.people)
-        options = {"robot": self.robot, "drive": self.drive, "image_px": self.image_px}
-        return SimulationConfig("", **options, sensor=sensor, people=people)
+        settings = reality_of(self.reality).settings
+        return SimulationConfig(
+            "",
+            reality=self.reality,
+            robot=self.robot,
+            drive=self.drive,
+            pose=self.pose,
+            image_px=self.image_px,
+            model=dataclasses.replace(preset_config(self.robot), **settings.get("model", {})),
+            sensor=dataclasses.replace(sensor_config(self.sensor), **settings.get("sensor", {})),
+            people=PeopleConfig(number=self.people),
+        )
 
     @property
     def max_steps(self) -> int:
@@ -90,7 +108,15 @@ def explore_config(**options: Any) -> EnvironmentConfig:
         raise TaskError(f'The task has no option "{unknown[0]}"; it has {", ".join(known)}.')
     if options.get("start") is not None:
         require_start(options["start"])
-    return EnvironmentConfig(**options)
+    try:
+        world = reality_of(options.get("reality", IDEAL))
+    except ConfigError as err:
+        raise TaskError(str(err)) from err
+    people = world.settings.get("people", {})
+    preset = {**world.options, "people": people.get("number", EnvironmentConfig.people)}
+    if preset.get("pose") == "slam":
+        preset["pose"] = "odometry"
+    return EnvironmentConfig(**{**preset, **options})
 
 
 def require_start(start: Any) -> None:

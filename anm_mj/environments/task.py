@@ -93,8 +93,13 @@ class ExploreTask(control.Task):
 
     @property
     def view(self) -> Observation:
-        """The last observation with true poses; hidden from the learner."""
+        """The last observation, with the poses that the robot believes; hidden from the learner."""
         return self._view
+
+    @property
+    def true_pose(self) -> Pose2:
+        """Where the base stands in the world; hidden from the learner."""
+        return self._true.pose
 
     def require_clear_start(self, start: tuple[float, float, float]) -> Pose2:
         """The start x [m], y [m], yaw [deg] as a pose. Raises SceneError if the robot does not fit at the pose."""

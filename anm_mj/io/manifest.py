@@ -48,6 +48,8 @@ class RunFacts:
     sensor: str
     """Name of the sensor whose errors were simulated."""
     people: int = 0
+    reality: str = ""
+    """The world that options and settings began with; empty where nothing was simulated."""
     continued_from: dict[str, Any] | None = None
     """The run that this one goes on from: its folder (``run``), the ``scene_hash`` of its scene, and the number of
     ``frames`` of it and of those that it went on from. None for a run that began with nothing."""

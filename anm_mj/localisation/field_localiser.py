@@ -334,7 +334,7 @@ class FieldLocaliser:
         quality = RegistrationQuality(0.0, 0.0, math.nan, 0, self._basis.shape[1])
         if found is not None:
             quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
-        placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
+        placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(observation, T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         usable = usable and self._state is TrackingState.TRACKING
         estimate = PoseEstimate(placed, covariance, quality, self._state, usable)
@@ -342,9 +342,13 @@ class FieldLocaliser:
         told = replace(placed, position_deviation_m=deviations[0], heading_deviation_rad=deviations[1])
         return replace(estimate, observation=told)
 
-    def _base(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
+    def _base(self, observation: Observation, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
         if self._base_pose is not None:
             return self._base_pose(T_world_camera)
         assert self._T_camera_base is not None
-        base = T_world_camera @ self._T_camera_base
+        T_camera_base = self._T_camera_base
+        if observation.image_age_s:
+            # The base has moved since the image was taken, by what odometry says.
+            T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
+        base = T_world_camera @ T_camera_base
         return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))

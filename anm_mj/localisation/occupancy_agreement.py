@@ -49,9 +49,10 @@ def agreement(
     world = points_m @ T_world_camera[:3, :3].T + origin
     near = occupancy.near_occupied(world, REACH_M)
     ray = world - origin
-    # One call for all: of few points, a call costs more than they do.
+    # One call for all: of few points, a call costs more than they do. Somebody who is taken for an obstacle is a disc
+    # wider than they are; past them the frame sees what is behind.
     places = np.concatenate((world, *(origin + share * ray for share in _RAY_SHARES)))
-    end, *on_ray = occupancy.state_at(places).reshape(-1, len(world))
+    end, *on_ray = occupancy.state_at(places, held=False).reshape(-1, len(world))
     free = end == FREE
     length = np.linalg.norm(ray, axis=1)
     blocked = np.zeros(len(world), bool)

@@ -42,6 +42,10 @@ class Odometer:
         """The estimated pose."""
         return self._pose
 
+    def reseed(self, seed: int) -> None:
+        """Begin the noise of a seed."""
+        self._generator = np.random.default_rng(seed)
+
     def reset(self, pose: Pose2, angles_rad: Float[np.ndarray, " n"]) -> None:
         """Restart at a known pose with these wheel angles."""
         self._pose = pose

@@ -21,7 +21,7 @@ from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
 from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
 from anm_mj.sensing.pixel_state import free_space_depth
-from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import array_of
@@ -205,11 +205,19 @@ class DepthOccupancy:
         self.noise.set_array(noise)
         self.voxels = self.voxels._replace(column_version=np.full_like(self.voxels.column_version, self._num_frames))
 
-    def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-        """State of the voxels that hold world points; UNKNOWN outside the grid."""
+    def state_at(self, points_m: Float[np.ndarray, "n 3"], *, held: bool = True) -> Int[np.ndarray, " n"]:
+        """State of the voxels that hold world points; UNKNOWN outside the grid.
+
+        Args:
+            points_m: In the world [m].
+            held: Whether what moves and is taken for an obstacle counts as one, or as the free space that was seen.
+        """
         inside, cells = self.voxels.cells_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
         out = np.full(len(points_m), UNKNOWN, np.int8)
-        out[inside] = self.voxels.state[cells]
+        state = self.voxels.state[cells]
+        if not held:
+            state = np.where((state == OCCUPIED) & (self.voxels.log_odds[cells] < 0), np.int8(FREE), state)
+        out[inside] = state
         return out
 
     def observation_count(

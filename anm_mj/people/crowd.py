@@ -170,7 +170,7 @@ class Crowd:
     def follow(self, time_s: float, robot_xy_m: Float[np.ndarray, "2"]) -> bool:
         """Move on up to a time of the simulation [s], while the robot stands at a place [m]; whether anybody moved."""
         before = self._num_periods
-        while (self._num_periods + 1) * PERIOD_S <= time_s + 1e-9:
+        while self.next_s <= time_s + 1e-9:
             self._num_periods += 1
             if len(self.doors):
                 self._move_doors(robot_xy_m)
@@ -184,6 +184,11 @@ class Crowd:
         ways_m = [np.vstack([self.xy_m[one], self._path[one]]) for one in walking.tolist()]
         robot = np.array([*robot_xy_m, self._robot_radius_m])
         self.doors.move(ways_m, np.vstack([np.column_stack([self.xy_m, self.radius_m]), robot]), PERIOD_S)
+
+    @property
+    def next_s(self) -> float:
+        """When everybody moves the next time [s]."""
+        return (self._num_periods + 1) * PERIOD_S
 
     @property
     def chair(self) -> tuple[float, float, float] | None:

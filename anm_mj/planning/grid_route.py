@@ -17,7 +17,14 @@ COMFORT_M = 0.2
 class GridRoutes:
     """The shortest paths from the robot to all cells of a map that it can reach."""
 
-    def __init__(self, topdown: TopDownMap, pose: Pose2, safe_m: float, slack_m: float = 0.0):
+    def __init__(
+        self,
+        topdown: TopDownMap,
+        pose: Pose2,
+        safe_m: float,
+        slack_m: float = 0.0,
+        driven_xy_m: Float[np.ndarray, "n 2"] | None = None,
+    ):
         """Search the whole map once.
 
         Args:
@@ -26,6 +33,7 @@ class GridRoutes:
             safe_m: least clearance of a path [m].
             slack_m: so much less is enough at the centres of cells [m]: half a cell where clearance is that to
                 surfaces, because another point of the cell may keep ``safe_m``.
+            driven_xy_m: where the base was; free cells there need no clearance [m].
         """
         self.topdown = topdown
         self.pose = pose
@@ -37,6 +45,10 @@ class GridRoutes:
         least_m = safe_m - slack_m
         needed = np.where(near, min(least_m, float(clearance[tuple(start)])), least_m)
         passable = (clearance >= needed) & (topdown.state == FREE)
+        if driven_xy_m is not None and len(driven_xy_m):
+            driven = world_to_cell(driven_xy_m, topdown.origin_xy_m, topdown.resolution_m)
+            driven = tuple(driven[((driven >= 0) & (driven < clearance.shape)).all(axis=1)].T)
+            passable[driven] = topdown.state[driven] == FREE
         passable[tuple(start)] = True
         crowding = np.clip((safe_m + COMFORT_M - clearance) / COMFORT_M, 0.0, 1.0)
         self._search = MCP_Geometric(np.where(passable, 1.0 + crowding, -1.0))

@@ -174,7 +174,7 @@ class SimulatedRosRobot:
         self._to[JOINTS].publish(joints)
 
     def _publish_images(self, seen: Observation) -> None:
-        make, now_s = self._node.messages, seen.time_s
+        make, now_s = self._node.messages, seen.time_s - seen.image_age_s
         info = make.camera_info(now_s, CAMERA, seen.intrinsics)
         self._to[COLOUR_INFO].publish(info)
         self._to[DEPTH_INFO].publish(info)

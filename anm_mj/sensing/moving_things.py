@@ -57,7 +57,7 @@ class MovingThings:
 
     def update(self, observation: Observation) -> None:
         """Take in a frame whose moved pixels are told apart."""
-        now_s = observation.time_s
+        now_s = observation.time_s - observation.image_age_s
         known = [thing for thing in self.things if now_s - thing.seen_s <= REMEMBERED_S]
         self.things = []
         for x_m, y_m, radius_m in _clusters(observation) if observation.moved_m is not None else []:

@@ -81,6 +81,7 @@ def make_robot(
     from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
     from anm_mj.sim.drives.physics_drive import PhysicsDrive
+    from anm_mj.sim.drives.trail import Trail
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.sim_robot import SimRobot
 
@@ -112,6 +113,9 @@ def make_robot(
     wheels.place(start)
     if crowd is not None:
         wheels.move_among(crowd, Figures(model, crowd))
+    trail = Trail(model, config.sensor.delay_s + abs(config.sensor.stamp_error_s)) if config.sensor.is_late else None
+    if trail is not None:
+        wheels.leave(trail)
     camera_name = _PREFIX + description.camera
     width, height = config.camera.image_size(config.image_px)
     make = functools.partial(make_camera, model, camera_name, width, height, cull_face=scene.cull_face, backend=backend)
@@ -134,6 +138,7 @@ def make_robot(
         seed=config.seed,
         knows_start=knows_start,
         crowd=crowd,
+        trail=trail,
     )
 
 

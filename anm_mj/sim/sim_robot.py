@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
@@ -15,6 +17,7 @@ from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.drives.trail import Trail
 from anm_mj.sim.moved_rays import MovedRays
 from anm_mj.sim.render_mesh import are_moved, visible_geoms
 from anm_mj.sim.sensors.camera_sensor import Sensor
@@ -26,13 +29,23 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
+class _Coming(NamedTuple):
+    """An action whose image was begun, and what is so after it."""
+
+    action: Action
+    data: mujoco.MjData
+    """Of the image."""
+    crowd: Crowd | None
+    trail: Trail | None
+
+
 class SimRobot:
     """A robot in a MuJoCo simulation: a drive and a camera.
 
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_figures", "_people_rays", "_standing_rays")
+    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_shown", "_figures", "_people_rays", "_standing_rays")
 
     def __init__(
         self,
@@ -47,6 +60,7 @@ class SimRobot:
         seed: int = 0,
         knows_start: bool = True,
         crowd: Crowd | None = None,
+        trail: Trail | None = None,
     ):
         """Combine the parts.
 
@@ -63,6 +77,7 @@ class SimRobot:
             seed: of these errors.
             knows_start: whether odometry begins at the true pose; else it begins at zero, wherever the robot stands.
             crowd: people in the model; None = nobody.
+            trail: of the drive, which images that are late are made of; None = images are of the present.
         """
         self.model = model
         self.data = data
@@ -82,8 +97,11 @@ class SimRobot:
         """The last observation, and the exact depth at its time [m]."""
         self.step = 0
         """Number of executed actions, including refused ones, without STOP."""
-        self._coming: list[tuple[Action, mujoco.MjData, Crowd | None]] = []
-        """The next actions whose images were begun, and the state and the people after each."""
+        self._trail = trail
+        self._shown = data if trail is None else mujoco.MjData(model)
+        """What the last image shows."""
+        self._coming: list[_Coming] = []
+        """The next actions whose images were begun."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
         self._crowd, self._figures, self._people_rays, self._standing_rays = crowd, None, None, None
@@ -132,11 +150,11 @@ class SimRobot:
         if self._looked is None:
             raise RobotError("There is no view yet; call observe first.")
         seen, exact_m = self._looked
-        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self.data)
+        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._shown)
         told = is_measured(seen.depth_m)
         if self._crowd is None or self._people_rays is None:
             return TrueView(pose, T_world_camera, np.where(told, exact_m, np.float32(np.nan)))
-        view = self.data, T_world_camera, pixel_directions(seen.intrinsics), exact_m
+        view = self._shown, T_world_camera, pixel_directions(seen.intrinsics), exact_m
         shown = self._people_rays.shown(*view)
         crowd = self._crowd
         standing_shown = None if self._standing_rays is None else self._standing_rays.shown(*view)
@@ -161,18 +179,21 @@ class SimRobot:
     def observe(self) -> Observation:
         """The view from the present pose, with true poses or poses by wheel odometry.
 
+        A late image is the view of a moment ago, with the camera's pose at the time of its stamp.
+
         Raises:
             RenderError: after ``close``.
         """
         self._update_poses(self.data)
-        rgb, exact_m = self._camera.render(self.data)
+        pose = self._drive.pose if self._T_base_camera is None else self.odometry
+        T_world_camera = self._stamped_camera(pose)
+        if self._trail is not None:
+            self._trail.write(self._shown, self.data.time - self._sensor_config.delay_s)
+            self._update_poses(self._shown)
+        rgb, exact_m = self._camera.render(self._shown)
         self._forget_coming()
         # Frames are told apart by their time: velocities do not count as steps.
         rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self.data.time))
-        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self.data)
-        if self._T_base_camera is not None:
-            pose = self.odometry
-            T_world_camera = pose_matrix(pose) @ self._T_base_camera
         seen = Observation(
             step=self.step,
             time_s=float(self.data.time),
@@ -181,10 +202,26 @@ class SimRobot:
             intrinsics=self._camera.intrinsics,
             T_world_camera=T_world_camera,
             pose=pose,
+            image_age_s=self._sensor_config.delay_s - self._sensor_config.stamp_error_s,
             range_m=self._sensor.range_m,
         )
         self._looked = seen, exact_m
         return seen
+
+    def _stamped_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
+        """Where the camera was when the image was taken, by its stamp, given where the base is said to be now."""
+        stamp_s = self.data.time - self._sensor_config.delay_s + self._sensor_config.stamp_error_s
+        if self._trail is not None:
+            self._trail.add(self.data, self._drive.odometry)
+        if self._T_base_camera is None:
+            if self._trail is not None:
+                self._trail.write(self._shown, stamp_s)
+                self._update_poses(self._shown)
+            return self._camera.T_world_camera(self._shown)
+        if self._trail is None:
+            return pose_matrix(pose) @ self._T_base_camera
+        back = pose_matrix(relative_pose(self._drive.odometry, self._trail.odometry_at(stamp_s)))
+        return pose_matrix(pose) @ back @ self._T_base_camera
 
     def _update_poses(self, data: mujoco.MjData) -> None:
         """After any joint motion the poses of bodies and cameras are outdated."""
@@ -197,27 +234,33 @@ class SimRobot:
         if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, KinematicDrive):
             return
         pairs = zip(self._coming, actions, strict=False)
-        wrong = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
+        wrong = next((k for k, (known, action) in enumerate(pairs) if known.action != action), None)
         if wrong is not None:
             self._camera.give_up(wrong)
-            self._spare += [data for _, data, _ in self._coming[wrong:]]
+            self._spare += [one.data for one in self._coming[wrong:]]
             del self._coming[wrong:]
         for number in range(len(self._coming), len(actions)):
             coming = self._spare.pop() if self._spare else mujoco.MjData(self.model)
             pose = self._drive.anticipate(actions[: number + 1], coming)
-            crowd = self._coming[-1][2] if self._coming else self._crowd
+            crowd, trail = self._coming[-1][2:] if self._coming else (self._crowd, self._trail)
+            crowd, trail = crowd and crowd.copied(), trail and trail.copied()
             if crowd is not None and self._figures is not None:
-                crowd = crowd.copied()
-                crowd.follow(coming.time, pose.xy_m)
-                self._figures.write(crowd, coming)
+                if trail is None:
+                    crowd.follow(coming.time, pose.xy_m)
+                    self._figures.write(crowd, coming)
+                else:
+                    trail.follow(crowd, self._figures, coming, pose.xy_m)
+            if trail is not None:
+                trail.add(coming, pose, self._drive.profile(actions[number]))
+                trail.write(coming, coming.time - self._sensor_config.delay_s)
             self._update_poses(coming)
-            self._coming.append((actions[number], coming, crowd))
+            self._coming.append(_Coming(actions[number], coming, crowd, trail))
             self._camera.begin(coming)
 
     def _forget_coming(self) -> None:
         if isinstance(self._camera, AheadCamera):
             done = len(self._coming) - self._camera.num_begun
-            self._spare += [data for _, data, _ in self._coming[:done]]
+            self._spare += [one.data for one in self._coming[:done]]
             del self._coming[:done]
 
     def act(self, action: Action) -> ActionResult:
@@ -234,6 +277,7 @@ class SimRobot:
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)
+            self._drive.reseed(seed)
         mujoco.mj_resetData(self.model, self.data)
         self.place(pose)
         self.step = 0
@@ -264,6 +308,8 @@ class SimRobot:
         """Move the robot to a pose without driving, at rest and without a collision test."""
         self._drive.place(pose)
         self._odometry.restart()
+        if self._trail is not None:
+            self._trail.restart()
         self._origin = None if self._origin is None else pose
 
     def get_state(self) -> Float[np.ndarray, " n"]:

@@ -10,6 +10,7 @@ from anm_mj.errors import ConfigError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.sim.reality import IDEAL, REALITIES
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.close_names import close_name
 
@@ -27,6 +28,9 @@ class SimulationConfig:
 
     scene: str
     """Name from the catalogue, or path of a scene folder."""
+    reality: str = IDEAL
+    """The world that options and settings begin with: ``ideal`` (exact images, poses and motions, nobody else) or
+    ``real`` (a stereo camera, late images, slipping wheels with localisation, physics, three people)."""
     robot: str = DEFAULT_ROBOT
     """Your robot's MJCF file, or a name: ``diff_drive``, ``stretch3``, ``turtlebot3_burger``, ``turtlebot3_waffle_pi``,
     or one of the package robot_descriptions."""
@@ -58,6 +62,7 @@ class SimulationConfig:
             from anm_mj.robot.robot_presets import preset_config  # Names alone should not cost the import of numpy.
 
             object.__setattr__(self, "model", preset_config(self.robot))
+        require_choice("reality", self.reality, tuple(REALITIES))
         require_choice("drive", self.drive, DRIVES)
         require_choice("pose", self.pose, POSES)
         low, high = IMAGE_PX

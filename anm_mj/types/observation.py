@@ -93,7 +93,7 @@ class Observation:
     step: int
     """Number of actions executed before this observation; the first is 0."""
     time_s: float
-    """Simulated time [s]."""
+    """Simulated time, that of the pose [s]."""
     rgb: UInt8[np.ndarray, "h w 3"]
     """Colour, row 0 at the top."""
     depth_m: Float32[np.ndarray, "h w"]
@@ -104,6 +104,8 @@ class Observation:
     """Camera to world; camera axes x right, y down, z forward."""
     pose: Pose2
     """Where the base stands, as the robot believes it."""
+    image_age_s: float = 0.0
+    """By its stamp the image was taken so long before ``time_s`` [s]; ``T_world_camera`` is of then."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
     shown_range_m: float = math.inf

@@ -8,7 +8,7 @@ NOISE = "model.wheel_noise=0.02"
 def row(scene, f_score, rmse_cm=None, *, pose="slam", sensor="exact", settings=NOISE, start=0):
     """A row of the results table of a run in a scene."""
     known = {"scene": scene, "scene_hash": "0" * 64, "policy": "gvg", "start": start, "seed": 0, "revision": "x"}
-    known |= {"preset": "default", "robot": "diff_drive", "drive": "kinematic", "goal": "both"}
+    known |= {"reality": "ideal", "preset": "default", "robot": "diff_drive", "drive": "kinematic", "goal": "both"}
     known |= {"pose": pose, "sensor": sensor, "settings": settings, "budget": 100, "budget_by": "", "run": scene}
     known |= {"observed_f_score": f_score, "observable_ratio": 80.0, "position_rmse_cm": rmse_cm}
     return known | {"best_known_auc": None, "stop_reason": "BUDGET"}

@@ -10,6 +10,7 @@ from anm_mj.bench.suite import suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.errors import SceneError
 from anm_mj.scene.budget import BASE_STEPS, STEPS_PER_M2, default_steps
+from anm_mj.sim.reality import REALITIES
 from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,16 +21,38 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
+def read_suite(name):
+    """The sweeps of a suite, and its scenes that are generated."""
+    sweeps, scenes = read_sweeps(suite_file(name))
+    return sweeps, {key: scene for key, scene in scenes.items() if isinstance(scene, GeneratedScene)}
+
+
 def test_every_suite_has_scenes_with_hashes():
-    assert set(suite_names()) == {"smoke", "tune", "test", "large", "open", "people"}
+    assert set(suite_names()) == {"smoke", "tune", "test", "real", "large", "open", "people"}
     seeds = []
-    for name in set(suite_names()) - {"open"}:
-        sweeps, generated = read_sweeps(suite_file(name))
+    for name in set(suite_names()) - {"open", "real"}:
+        sweeps, generated = read_suite(name)
         used = {scene for sweep in sweeps for scene in sweep.scenes}
         assert used == set(generated)
         assert all(len(scene.hash) == 64 for scene in generated.values())
         seeds += [scene.seed for scene in generated.values()]
     assert len(seeds) == len(set(seeds))
+
+
+def test_the_real_world_is_tried_in_the_buildings_that_judge(cache):
+    sweeps, generated = read_suite("real")
+    assert generated == read_suite("test")[1]
+    assert all(set(sweep.scenes) == set(generated) for sweep in sweeps)
+    world = REALITIES["real"]
+    alone = [sweep for sweep in sweeps if sweep.policies == ["gvg"]]
+    ideal, real, *others = alone
+    assert (ideal.reality, ideal.settings, real.reality) == ("ideal", (), "real")
+    assert {name: getattr(real, name)[0] for name in world.options} == world.options
+    assert real.settings == world.texts
+    # One at a time: together they are the real world.
+    changed = [{name for name in world.options if getattr(one, name) != getattr(ideal, name)} for one in others]
+    assert sorted(name for names in changed for name in names) == sorted(world.options)
+    assert sorted(text for one in others for text in one.settings) == sorted(world.texts)
 
 
 def test_scenes_of_others_say_where_they_come_from():
@@ -69,7 +92,7 @@ def test_an_entry_of_a_scene_of_others_is_checked(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["smoke", "tune", "test", "large", "people"])
 def test_all_published_scenes_come_out_again(name, cache):
-    _, generated = read_sweeps(suite_file(name))
+    _, generated = read_suite(name)
     for wanted in generated.values():
         provide(wanted)
 
@@ -80,7 +103,7 @@ def test_an_unknown_suite_is_named():
 
 
 def test_no_seed_of_the_test_suite_appears_elsewhere():
-    _, generated = read_sweeps(suite_file("test"))
+    _, generated = read_suite("test")
     seeds = re.compile(rb"\b(" + b"|".join(str(scene.seed).encode() for scene in generated.values()) + rb")\b")
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split(
         "\n"
@@ -92,7 +115,7 @@ def test_no_seed_of_the_test_suite_appears_elsewhere():
 
 
 def test_a_published_scene_comes_out_again(cache, tmp_path):
-    _, generated = read_sweeps(suite_file("smoke"))
+    _, generated = read_suite("smoke")
     wanted = generated["smoke_1"]
     scene = provide(wanted)
     before = (scene.folder / "scene.toml").stat().st_mtime_ns

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from anm_mj.bench.sweep import BenchError, read_jobs
-from anm_mj.errors import AnmError, SceneError
+from anm_mj.errors import AnmError, ConfigError, SceneError
 from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.scene.folder import load_scene
 from tests.scene.small import make_small_scene
@@ -189,3 +189,32 @@ def test_too_many_runs_are_refused_before_they_are_listed(tmp_path):
     path.write_text(f'scenes = ["room"]\npolicies = ["random"]\nsteps = 5\nseeds = {list(range(10_001))}\n')
     with pytest.raises(BenchError, match="10001 runs, but they end at 10000; set ANM_MJ_MAX_RUNS"):
         read_jobs(path)
+
+
+def test_a_reality_stands_for_conditions_and_settings_and_what_is_given_goes_before_it(tmp_path):
+    text = 'scenes = ["home"]\npolicies = ["gvg"]\nreality = ["ideal", "real"]\n'
+    ideal, real = jobs_of(tmp_path, text)
+    (plain,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\n')
+    assert ideal == plain
+    assert ideal.name == plain.name
+    assert (real.drive, real.pose, real.sensor, real.reality) == ("physics", "slam", "d435i", "real")
+    assert (real.variant, ideal.variant) == ("gvg (real)", "gvg")
+    config = real.config()
+    assert (config.reality, config.people.number, config.model.wheel_noise) == ("real", 3, 0.02)
+    assert config.mapping.moving.detect
+    one = 'reality = "real"\ndrive = "kinematic"\nsettings = ["people.number=0"]\n'
+    (other,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\n' + one)
+    assert other.variant == "gvg (real kinematic people.number=0)"
+    config = other.config()
+    assert (config.drive, config.people.number, config.sensor.name) == ("kinematic", 0, "d435i")
+    assert not config.mapping.moving.detect
+    with pytest.raises(ConfigError, match=r"no reality 'reel' \(did you mean real\?\)"):
+        jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\nreality = "reel"\n')
+    with pytest.raises(BenchError, match="reality is 3"):
+        jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\nreality = 3\n')
+
+
+def test_a_policy_of_the_users_own_is_tried_in_the_real_world_too(tmp_path):
+    file = tmp_path / "bench.toml"
+    file.write_text('scenes = ["home"]\npolicies = ["gvg"]\nreality = ["ideal", "real"]\n')
+    assert [job.variant for job in read_jobs(file, ["random"])] == ["gvg", "random", "gvg (real)", "random (real)"]

@@ -37,6 +37,18 @@ def test_a_thing_gets_a_place_and_a_velocity():
     assert thing.after(2.5)[1] == pytest.approx(-(150 - 128) / 128 * 1.5, abs=0.02)
 
 
+def test_a_thing_in_a_late_image_was_there_when_the_image_was_taken():
+    things = MovingThings()
+    for k in range(6):
+        things.update(replace(frame(0.5 * k, 60 + 16 * k), image_age_s=0.2))
+
+    (thing,) = things.things
+    assert thing.seen_s == pytest.approx(2.3)
+    # By now it has gone on, to the right.
+    assert thing.after(2.5)[1] == pytest.approx(thing.y_m + 0.2 * thing.velocity_mps[1])
+    assert thing.velocity_mps[1] < -0.3
+
+
 def test_two_things_stay_apart_and_are_forgotten_after_a_while():
     things = MovingThings()
     things.update(frame(0.0, 40, 180))

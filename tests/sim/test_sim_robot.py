@@ -43,6 +43,9 @@ class _Slide:
     def place(self, pose: Pose2) -> None:
         self._data.qpos[0] = pose.x_m
 
+    def reseed(self, seed: int) -> None:
+        """It reads no encoders."""
+
     def act(self, action: Action) -> ActionResult:
         moved_m = float(action == Action.MOVE_FORWARD)
         self._data.qpos[0] += moved_m

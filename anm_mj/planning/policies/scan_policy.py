@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from anm_mj.planning.policies.context import PolicyContext
@@ -20,6 +22,8 @@ class ScanPolicy:
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._slack_m = RESOLUTION_M / 2
         """A cell is passable if any point of it may keep the clearance [m]; vertices of a graph lie anywhere, too."""
+        self._driven_m = np.zeros((0, 2))
+        """Where the base was: the robot can go back the way it came, whatever was marked beside it since [m]."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """The grid."""
@@ -32,12 +36,17 @@ class ScanPolicy:
             self.grid.continue_from(log_odds, origin)
         else:
             self.grid.read_occupancy(mapper.occupancy_grid(), prior.poses)
+        self._driven_m = np.asarray(prior.poses, float)[:, :2]
         for x, y, yaw in prior.collisions:
             self.grid.block_ahead(Pose2(x, y, yaw))
 
     def observe(self, observation: Observation) -> None:
         """Take a scan into the grid."""
         self.grid.integrate(observation)
+        here_m, last_m = observation.pose.xy_m, self._driven_m[-1:]
+        # A step is longer than a cell.
+        if not len(last_m) or math.dist(here_m, last_m[0]) > RESOLUTION_M / 2:
+            self._driven_m = np.vstack([self._driven_m, (last_m + here_m) / 2, here_m])
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle, which the scans did not show, into the grid."""

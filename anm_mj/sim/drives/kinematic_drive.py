@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.action_motion import action_motion, action_profile
+from anm_mj.control.action_motion import Trapezoid, action_motion, action_profile
 from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.frames import move_pose
 from anm_mj.geometry.clearance import Clearance
@@ -64,11 +64,16 @@ class KinematicDrive(WheelDrive):
         # The profile scales the twist over time and keeps its direction. The wheel speeds keep their ratio, so one
         # exponential of the whole motion is exact.
         forward_m, turn_rad = action_motion(action)
-        duration_s = action_profile(action, self._limits).duration_s
-        if not self._roll(forward_m, turn_rad, duration_s):
+        profile = self.profile(action)
+        duration_s = profile.duration_s
+        if not self._roll(forward_m, turn_rad, duration_s, profile):
             return ActionResult(action, True, STILL, 0.0, met_person=self._met_person)
         speeds = self._kinematics.wheel_speeds(forward_m / duration_s, turn_rad / duration_s)
         return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=abs(forward_m))
+
+    def profile(self, action: Action) -> Trapezoid:
+        """How far an action has come when."""
+        return action_profile(action, self._limits)
 
     def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> Pose2:
         """Write positions and time after some actions into other data of the same model, as if nothing were in the way.
@@ -108,8 +113,12 @@ class KinematicDrive(WheelDrive):
         speeds = self._mean_speeds(start_s, start_angles_rad)
         return MotionResult(False, speeds, 0.0, turned_rad, self._data.time - start_s)
 
-    def _roll(self, forward_m: float, turn_rad: float, duration_s: float) -> bool:
-        """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way."""
+    def _roll(self, forward_m: float, turn_rad: float, duration_s: float, profile: Trapezoid | None = None) -> bool:
+        """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way.
+
+        ``profile`` tells how far it has come when; None = at a constant velocity.
+        """
+        self._note()
         self._data.time += duration_s
         self._met_person = False
         free = not forward_m or not self._is_in_the_way(forward_m, turn_rad)
@@ -117,6 +126,7 @@ class KinematicDrive(WheelDrive):
             self._move(self._base, forward_m, turn_rad)
             self._odometer.update(self._base.wheel_angles_rad)
         self._pass_time()
+        self._note(profile)
         return free
 
     def _is_in_the_way(self, forward_m: float, turn_rad: float) -> bool:

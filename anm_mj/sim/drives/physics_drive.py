@@ -238,6 +238,7 @@ class PhysicsDrive(WheelDrive):
         self._data.ctrl[self._motors] = self._signs * np.repeat(speeds, len(self._signs) // len(speeds))
         self._touched |= self._servo.is_near_obstacle
         self._pass_time()
+        self._note()
         for _ in range(_SUBSTEPS):
             mujoco.mj_step(self._model, self._data)
             if forward and self._contacts.blocks(self._base.pose.yaw_rad):
@@ -254,6 +255,7 @@ class PhysicsDrive(WheelDrive):
         self._data.ctrl[self._motors] = 0.0
         for _ in range(math.ceil(_SETTLE_S / self._period_s)):
             self._pass_time()
+            self._note()
             mujoco.mj_step(self._model, self._data, nstep=_SUBSTEPS)
             self._odometer.update(self._base.wheel_angles_rad)
         self._reference, self._twist = self._base.pose, _STANDING

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.control.action_motion import Trapezoid
 from anm_mj.control.look_at import LookAt, PlanarLookAt
 from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.errors import RobotError
@@ -17,6 +18,7 @@ from anm_mj.people.figures import Figures
 from anm_mj.robot.base_joints import simulated_base
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
+from anm_mj.sim.drives.trail import Trail
 from anm_mj.types import Pose2, Twist, WheelSpeeds
 
 STILL = WheelSpeeds(0.0, 0.0)
@@ -63,11 +65,20 @@ class WheelDrive:
         self._look_at: LookAt | None = None
         self._crowd: Crowd | None = None
         self._figures: Figures | None = None
+        self._trail: Trail | None = None
 
     def move_among(self, crowd: Crowd, figures: Figures) -> None:
         """Let people move on as time passes from now on; they are obstacles."""
         self._crowd, self._figures = crowd, figures
         figures.write(crowd, self._data)
+
+    def leave(self, trail: Trail) -> None:
+        """Leave a trail from now on."""
+        self._trail = trail
+
+    def reseed(self, seed: int) -> None:
+        """Begin the noise of the encoders of a seed."""
+        self._odometer.reseed(seed)
 
     @property
     def pose(self) -> Pose2:
@@ -81,9 +92,17 @@ class WheelDrive:
 
     def _pass_time(self) -> None:
         """Let people move on to the present time of the simulation."""
-        if self._crowd is not None and self._crowd.follow(self._data.time, self._base.pose.xy_m):
-            assert self._figures is not None
+        if self._crowd is None or self._figures is None:
+            return
+        if self._trail is not None:
+            self._trail.follow(self._crowd, self._figures, self._data, self._base.pose.xy_m)
+        elif self._crowd.follow(self._data.time, self._base.pose.xy_m):
             self._figures.write(self._crowd, self._data)
+
+    def _note(self, profile: Trapezoid | None = None) -> None:
+        """Take the present state into the trail; ``profile`` as of :meth:`Trail.add`."""
+        if self._trail is not None:
+            self._trail.add(self._data, self.odometry, profile)
 
     def _look_at_controller(self) -> LookAt:
         """The look-at controller at rest; made at the first call."""

@@ -12,6 +12,9 @@ from anm_mj.types import Pose2
 
 _STILL_M = 1e-6
 """A shorter translation has no direction [m]."""
+_SHORT_M = 0.01
+"""The robot does not turn towards the end of a shorter translation first [m], as in the motion model of nav2_amcl: in a
+turn on the spot, wheels that creep or encoders that err move it by less, in any direction."""
 
 
 class NoisyOdometry:
@@ -48,11 +51,12 @@ class NoisyOdometry:
         dx, dy = odometry.x_m - self._last.x_m, odometry.y_m - self._last.y_m
         distance = math.hypot(dx, dy)
         turned = wrap_angle(odometry.yaw_rad - self._last.yaw_rad)
-        first = wrap_angle(math.atan2(dy, dx) - self._last.yaw_rad) if distance > _STILL_M else 0.0
+        towards = wrap_angle(math.atan2(dy, dx) - self._last.yaw_rad) if distance > _STILL_M else 0.0
         # A robot that backs up does not turn about for it.
-        backwards = abs(first) > math.pi / 2
+        backwards = abs(towards) > math.pi / 2
         if backwards:
-            first, distance = wrap_angle(first + math.pi), -distance
+            towards, distance = wrap_angle(towards + math.pi), -distance
+        first, aside = (towards, 0.0) if abs(distance) >= _SHORT_M else (0.0, towards)
         second = wrap_angle(turned - first)
         self._last = odometry
         if distance == 0.0 and turned == 0.0:
@@ -68,8 +72,8 @@ class NoisyOdometry:
         noisy_second = second + math.sqrt(a1 * second**2 + a2 * distance**2) * noise[2]
         yaw = self._believed.yaw_rad + noisy_first
         self._believed = Pose2(
-            self._believed.x_m + noisy_distance * math.cos(yaw),
-            self._believed.y_m + noisy_distance * math.sin(yaw),
+            self._believed.x_m + noisy_distance * math.cos(yaw + aside),
+            self._believed.y_m + noisy_distance * math.sin(yaw + aside),
             wrap_angle(yaw + noisy_second),
         )
         return self._believed

@@ -60,6 +60,11 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     """Growth of a colour value's variance with the value (shot noise) [0..255]."""
     exposure_sigma: float = _from_zero(0.0, at_most=10.0)
     """Standard deviation of the logarithm of a frame's exposure."""
+    delay_s: float = _from_zero(0.0, at_most=2.0)
+    """Images arrive so long after they were taken [s]: each shows the world as it was that long before the pose that it
+    comes with. Its stamp says when that was, and wheel odometry how the robot has moved since."""
+    stamp_error_s: float = setting(0.0, at_least=-0.5, at_most=0.5)
+    """The stamp of an image is later than when it was taken by this [s]: what calibration leaves, milliseconds."""
     odometry_alpha: tuple[float, float, float, float] = _from_zero((0.0, 0.0, 0.0, 0.0))
     """Noise of wheel odometry: variance of a rotation from rotation [rad^2/rad^2] and from translation [rad^2/m^2], of
     a translation from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox,
@@ -88,6 +93,11 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
                 f"sensor.max_range_m is {self.max_range_m:g} m and sensor.min_range_m {self.min_range_m:g} m; "
                 "the range must end beyond where it begins."
             )
+
+    @property
+    def is_late(self) -> bool:
+        """Whether images show another time than that of the pose they come with, or say so."""
+        return self.delay_s > 0.0 or self.stamp_error_s != 0.0
 
     @property
     def misses(self) -> bool:

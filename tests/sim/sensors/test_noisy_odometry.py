@@ -12,10 +12,10 @@ START = Pose2(1.0, 2.0, 0.5)
 
 
 def ends(alpha, moves, num=400):
-    found = []
+    found, pose = [], START
     for seed in range(num):
         odometry, pose = NoisyOdometry(SensorConfig(odometry_alpha=alpha), seed), START
-        odometry.read(pose)
+        believed = odometry.read(pose)
         for forward_m, turn_rad in moves:
             pose = move_pose(pose, forward_m, turn_rad)
             believed = odometry.read(pose)
@@ -38,6 +38,22 @@ def test_rotation_spreads_with_rotation():
     found, pose = ends((0.04, 0.0, 0.0, 0.0), [(0.0, 0.5)])
     assert (found[:, 2] - pose.yaw_rad).std() == pytest.approx(0.1, rel=0.15)
     assert np.allclose(found[:, :2], pose.xy_m)
+
+
+@pytest.mark.parametrize("aside_rad", np.linspace(-math.pi, math.pi, 7))
+def test_a_turn_on_the_spot_that_creeps_a_little_is_no_turn_there_and_back(aside_rad):
+    """By encoders that err, or wheels that slip, a turn moves the robot by millimetres, in any direction."""
+    crept = Pose2(START.x_m + 0.002 * math.cos(aside_rad), START.y_m + 0.002 * math.sin(aside_rad), 0.5 + 0.1745)
+    found = []
+    for seed in range(200):
+        odometry = NoisyOdometry(SensorConfig(odometry_alpha=(0.01, 0.01, 0.01, 0.01)), seed)
+        odometry.read(START)
+        found.append(odometry.read(crept).yaw_rad - crept.yaw_rad)
+    assert np.std(found) == pytest.approx(0.1 * 0.1745, rel=0.15)
+    exact = NoisyOdometry(SensorConfig(odometry_radius_error=1e-9), 0)
+    exact.read(START)
+    told = exact.read(crept)
+    assert (told.x_m, told.y_m, told.yaw_rad) == pytest.approx((crept.x_m, crept.y_m, crept.yaw_rad), abs=1e-6)
 
 
 def test_backing_up_is_no_half_turn():

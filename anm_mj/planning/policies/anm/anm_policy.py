@@ -11,7 +11,8 @@ Deviations:
   get stuck. This makes the baseline stronger than the published one.
 - Targets must lie over free ground that the robot can reach.
 - The policy reads uncertainty within 5 m of the robot and, when it finds no target there, everywhere.
-- When no target can be reached the robot makes one full rotation; then the run ends.
+- When no target of the most uncertain tenth can be reached, the next tenth gives the targets, and so on.
+- When no target at all can be reached the robot makes one full rotation; then the run ends.
 """
 
 from __future__ import annotations
@@ -62,13 +63,9 @@ class Anm(ScanPolicy):
         with watch.stage("topdown"):
             topdown = self.grid.topdown()
         with watch.stage("paths"):
-            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
+            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m, self._driven_m)
         with watch.stage("regions"):
-            found = self._candidates(mapper.surface(pose.xy_m, self.config.near_m), routes)
-            where = f"within {self.config.near_m:g} m"
-            if not found:
-                found = self._candidates(mapper.surface(pose.xy_m, EVERYWHERE_M), routes)
-                where = "anywhere"
+            found, where = self._first_candidates(mapper, routes)
         if not found:
             if self._rotated:
                 reason, stop = "no target can be reached, even after a full rotation", StopReason.NO_REACHABLE_TARGET
@@ -91,14 +88,34 @@ class Anm(ScanPolicy):
             stage_ms=watch.ms,
         )
 
-    def _candidates(self, surface: SurfacePoints, routes: GridRoutes) -> list[Candidate]:
-        """One target per cluster of uncertain surface that the robot can reach and has not reached already."""
+    def _first_candidates(self, mapper: Mapper, routes: GridRoutes) -> tuple[list[Candidate], str]:
+        """The targets of the most uncertain share of surface that has any, and where that is, in words."""
+        share, surfaces = 100.0 - self.config.percentile, list[SurfacePoints]()
+        for number in range(math.ceil(100.0 / share)):
+            high = 100.0 - number * share
+            for place, radius_m in enumerate((self.config.near_m, EVERYWHERE_M)):
+                if place == len(surfaces):
+                    surfaces.append(mapper.surface(routes.pose.xy_m, radius_m))
+                found = self._candidates(surfaces[place], routes, (max(high - share, 0.0), high))
+                if found:
+                    where = f"within {radius_m:g} m" if place == 0 else "anywhere"
+                    return found, where + f", less uncertain than {100.0 - high:g} % of the surface" * (number > 0)
+        return [], ""
+
+    def _candidates(
+        self, surface: SurfacePoints, routes: GridRoutes, percentiles: tuple[float, float]
+    ) -> list[Candidate]:
+        """One target per cluster of surface of some uncertainty that the robot can reach and has not reached already.
+
+        The uncertainty lies between two percentiles [%], the higher one left out where it is not the highest.
+        """
         low = surface.xyz_m[:, 2] < self._footprint.z_max_m
         points, normals = surface.xyz_m[low], surface.normal[low]
         uncertainty = surface.uncertainty[low]
         if not len(points):
             return []
-        top = uncertainty >= np.percentile(uncertainty, self.config.percentile)
+        least, most = np.percentile(uncertainty, percentiles)
+        top = (uncertainty >= least) & ((uncertainty < most) | (percentiles[1] == 100.0))
         links = KDTree(points[top].astype(float)).query_pairs(self.config.link_m, output_type="ndarray")
         labels = connected_components(links, int(top.sum()))
         found = []

@@ -10,7 +10,8 @@ Deviations:
 - The robot keeps its frontier until it has looked at it or the frontier is gone, as Yamauchi's does. The published code
   chooses again every 10 steps of 25 cm. With steps of 6.5 cm the robot would turn back and forth between two frontiers
   for ever, because the nearer one stops counting a metre before it.
-- Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator.
+- Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator. The
+  robot can go back the way it came, although a collision or a scan has marked an obstacle beside it since.
 - The robot gives a frontier up when it looked at it and it stays, when no path comes near (Yamauchi's list of
   inaccessible frontiers), or when it takes more than twice the steps of the path's cost and a look around: at first as
   a whole, and when no other is left only where it was tried. Then the run ends as complete instead of driving
@@ -113,7 +114,7 @@ class Frontier(ScanPolicy):
             hops = border_hops(topdown, pose)
             found = frontiers(topdown, hops)
         with watch.stage("paths"):
-            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
+            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m, self._driven_m)
             kept = self._keep(topdown, hops, routes, observation.step)
             left = self._within_reach(found, routes)
             if kept is None and not left:

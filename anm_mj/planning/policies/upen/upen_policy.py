@@ -116,7 +116,9 @@ class Upen(ScanPolicy):
         # In a tight spot the clearance that the robot has now is enough, as for all policies.
         least_m = self._safe_m - self._slack_m
         here_m = min(least_m, float(topdown.clearance_m[tuple(start)]))
-        passable = window & (topdown.clearance_m >= np.where(near, here_m, least_m))
+        passable = window & (topdown.clearance_m >= np.where(near, here_m, least_m)) & (topdown.state != OCCUPIED)
+        # An obstacle may have been marked where it stands; it leads away from there, but into none.
+        passable[tuple(start)] = True
         guessed = passable & (topdown.state == UNKNOWN)
         passable[guessed] = value_along(occupied, xy[guessed], pose) < self.config.max_occupied_probability
         return grow_tree(

@@ -84,6 +84,27 @@ def test_with_nothing_to_go_to_it_looks_around_once_and_then_stops(policy):
     assert second.stop is StopReason.NO_REACHABLE_TARGET
 
 
+def test_where_no_target_of_the_most_uncertain_tenth_can_be_reached_the_next_tenth_has_some(policy):
+    world = Uncertain(high=9.0, low=8.0)
+    points = world.points
+    # Behind the wall at +x, where nobody gets, and more of it than a tenth.
+    behind = np.stack([np.full(900, 4.0), np.linspace(-1.0, 1.0, 900), np.full(900, 0.5)], axis=1)
+    world.points = SurfacePoints(
+        np.concatenate([points.xyz_m, behind]).astype(np.float32),
+        np.concatenate([points.normal, np.tile(np.array([[1, 0, 0]], np.float32), (900, 1))]),
+        np.concatenate([points.uncertainty, np.full(900, 20.0, np.float32)]),
+    )
+
+    plan = policy.plan(world, look(Pose2(0.0, 0.0, 0.0)))
+
+    assert plan.stop is None
+    assert not plan.actions
+    assert plan.reason.startswith("highest variance of ")
+    assert "less uncertain than 10 % of the surface" in plan.reason
+    # The walls come next, and of them the more uncertain one.
+    np.testing.assert_allclose(max(plan.candidates, key=lambda c: c.score).xy_m, [1.5, 0.0], atol=0.05)
+
+
 def test_a_way_is_cut_across_its_legs():
     way = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]])
 

@@ -9,7 +9,7 @@ from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
 from anm_mj.planning.policies.frontier.frontier_policy import Frontier, border_hops, frontiers
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2, StopReason, TopDownMap
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Plan, Pose2, StopReason, TopDownMap
 from tests.box_room import observe
 from tests.planning.worlds import BoxWorld
 
@@ -29,6 +29,11 @@ def hall(*, unknown=(), occupied=()) -> TopDownMap:
             clear, np.hypot(np.maximum(np.maximum(x0 - x, x - x1), 0), np.maximum(np.maximum(y0 - y, y - y1), 0))
         )
     return TopDownMap(clear.astype(np.float32), state, 0.05, np.zeros(2))
+
+
+def at_its_end(plan: Plan) -> Pose2:
+    x_m, y_m = plan.path_xy_m[-1].tolist()
+    return Pose2(x_m, y_m, plan.headings_rad[0])
 
 
 def look(pose: Pose2) -> Observation:
@@ -99,7 +104,7 @@ def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_o
     assert near.reason == "the same frontier as before"
     assert near.path_xy_m[-1][0] < 1.0
 
-    other = policy.plan(world, look(Pose2(*near.path_xy_m[-1].tolist(), near.headings_rad[0])))
+    other = policy.plan(world, look(at_its_end(near)))
     assert other.path_xy_m[-1][0] > 4.0
 
 
@@ -142,10 +147,39 @@ def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
     assert policy._chosen is not None
     tried_m = policy._chosen[0]
 
-    again = policy.plan(world, look(Pose2(*near.path_xy_m[-1].tolist(), near.headings_rad[0])))
+    again = policy.plan(world, look(at_its_end(near)))
 
     assert again.stop is None
     assert math.dist(policy._chosen[0], tried_m) >= 0.3
+
+
+@pytest.mark.parametrize(("came", "stop"), [(True, None), (False, StopReason.COMPLETE)])
+def test_it_goes_back_the_way_it_came_although_something_was_marked_beside_it(monkeypatch, came, stop):
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
+    # A gap of 30 cm, as a collision leaves it of a door.
+    wall = [(3.0, 0.0, 3.2, 1.3), (3.0, 1.6, 3.2, 3.0)]
+    topdown = hall(unknown=[(0.1, 0.1, 0.8, 2.9)], occupied=wall)
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
+    monkeypatch.setattr(policy.grid, "integrate", lambda observation: None)
+    for x_m in np.arange(1.5, 4.5, 0.065) if came else [4.5]:
+        policy.observe(look(Pose2(float(x_m), 1.45, 0.0)))
+
+    plan = policy.plan(BoxWorld((1.0, 1.0), []), look(Pose2(4.5, 1.45, 0.0)))
+
+    assert plan.stop is stop
+    if came:
+        assert plan.path_xy_m[-1][0] < 1.5
+
+
+def test_a_step_back_that_collides_closes_the_way_too(monkeypatch):
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
+    topdown = hall(unknown=[(0.1, 0.1, 0.8, 2.9)], occupied=[(3.0, 0.0, 3.2, 3.0)])
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
+    monkeypatch.setattr(policy.grid, "integrate", lambda observation: None)
+    for x_m in np.arange(1.5, 4.5, 0.065):
+        policy.observe(look(Pose2(float(x_m), 1.45, 0.0)))
+
+    assert policy.plan(BoxWorld((1.0, 1.0), []), look(Pose2(4.5, 1.45, 0.0))).stop is StopReason.COMPLETE
 
 
 def test_a_room_seen_to_the_last_corner_is_complete():

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from anm_mj.errors import PlanError
+from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.upen.occupancy_net import (
@@ -160,3 +161,17 @@ def test_beside_an_obstacle_the_tree_needs_the_clearance_that_the_robot_has():
     assert here_m < FOOTPRINT.radius_m + 0.04
     assert len(tree.xy_m) > 20
     assert clearance_at(topdown, tree.xy_m).min() >= here_m - 0.036
+
+
+def test_where_it_stands_in_an_obstacle_the_tree_leads_away_and_into_no_other():
+    policy = Upen(PolicyContext(FOOTPRINT, UpenConfig()))
+    # The cell that it stands in is marked, and a thing beside it.
+    topdown = hall(occupied=[(2.0, 1.5, 2.05, 1.55), (2.15, 1.3, 2.3, 1.8)])
+    pose = Pose2(2.025, 1.525, 0.0)
+
+    tree = policy._tree(topdown, pose, np.zeros((CROP_CELLS, CROP_CELLS), np.float32))
+
+    cells = world_to_cell(tree.xy_m[1:], topdown.origin_xy_m, topdown.resolution_m)
+    assert len(cells) > 20
+    assert (topdown.state[cells[:, 0], cells[:, 1]] != OCCUPIED).all()
+    assert tree.xy_m[:, 0].max() > 4.0
