@@ -20,7 +20,8 @@ def in_the_way(things: Sequence[MovingThing], footprint: Footprint, pose: Pose2,
     reach_m = _STEPS_AHEAD * FORWARD_STEP_M
     heading = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     for thing in things:
-        least_m = footprint.radius_m + thing.radius_m + (KEPT_STANDING_M if thing.stands else KEPT_M)
+        kept_m = (KEPT_STANDING_M if thing.stands else KEPT_M) + thing.spread_m(time_s)
+        least_m = footprint.radius_m + thing.radius_m + kept_m
         for ahead_s in _LOOK_AHEAD_S:
             x_m, y_m = thing.after(time_s + ahead_s)
             dx, dy = x_m - pose.x_m, y_m - pose.y_m

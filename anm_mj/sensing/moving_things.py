@@ -1,4 +1,8 @@
-"""What moves around the robot: places and velocities of the things that moved pixels show."""
+"""What moves around the robot: places and velocities of the things that moved pixels show.
+
+The camera looks over what is low and near. Such a thing is remembered for longer, until its place is seen again, as
+somewhere about that place: within what it can have covered at its fastest, up to a bound.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +18,15 @@ from anm_mj.types import Observation
 
 REMEMBERED_S = 2.0
 """A thing that is seen no more is expected about for so long [s]."""
+HIDDEN_S, SPREAD_M = 20.0, 0.3
+"""A low thing that is out of view is expected for so long [s], within so much of its place [m]."""
 FASTEST_MPS, STANDING_MPS = 2.0, 0.2
 _CELL_M = 0.15
 """Points in neighbouring cells of this edge belong to one thing [m]."""
-_LOW_M, _HIGH_M = 0.1, 2.2
+_LOW_M, _HIGH_M = 0.05, 2.2
 """Heights that count [m]."""
+_NEAR_M = 0.5
+"""What the camera looks over at this distance is low [m]."""
 _LEAST_POINTS, _FOCAL_PX = 4, 64.0
 """Fewer pixels are no thing, of an image thinned to this focal length."""
 _SMALLEST_M, _LARGEST_M = 0.2, 0.5
@@ -36,6 +44,10 @@ class MovingThing:
     radius_m: float
     seen_s: float
     """When it was seen last [s]."""
+    is_low: bool = False
+    """Whether the camera looks over it where it is near."""
+    fastest_mps: float = 0.0
+    """Its largest speed so far."""
 
     @property
     def stands(self) -> bool:
@@ -46,6 +58,10 @@ class MovingThing:
         """Where it is expected at a time [m]: it goes on for a second at most."""
         ahead_s = min(max(time_s - self.seen_s, 0.0), 1.0)
         return self.x_m + self.velocity_mps[0] * ahead_s, self.y_m + self.velocity_mps[1] * ahead_s
+
+    def spread_m(self, time_s: float) -> float:
+        """How far from where it is expected it may be at a time, given that it has not been seen since [m]."""
+        return min(self.fastest_mps * max(time_s - self.seen_s, 0.0), SPREAD_M) if self.is_low else 0.0
 
 
 class MovingThings:
@@ -58,10 +74,11 @@ class MovingThings:
     def update(self, observation: Observation) -> None:
         """Take in a frame whose moved pixels are told apart."""
         now_s = observation.time_s - observation.image_age_s
-        known = [thing for thing in self.things if now_s - thing.seen_s <= REMEMBERED_S]
+        known = [thing for thing in self.things if _is_remembered(thing, observation, now_s)]
         self.things = []
-        for x_m, y_m, radius_m in _clusters(observation) if observation.moved_m is not None else []:
-            velocity, before = (0.0, 0.0), _nearest(known, x_m, y_m, now_s)
+        sight_m = _sight_height_m(observation)
+        for x_m, y_m, radius_m, top_m in _clusters(observation) if observation.moved_m is not None else []:
+            velocity, fastest, before = (0.0, 0.0), 0.0, _nearest(known, x_m, y_m, now_s)
             if before is not None:
                 known.remove(before)
                 passed_s = max(now_s - before.seen_s, 1e-3)
@@ -69,8 +86,28 @@ class MovingThings:
                 vx, vy = (0.5 * (new + old) for new, old in zip(found, before.velocity_mps, strict=True))
                 share = min(1.0, FASTEST_MPS / max(math.hypot(vx, vy), 1e-9))
                 velocity = vx * share, vy * share
-            self.things.append(MovingThing(x_m, y_m, velocity, radius_m, now_s))
+                fastest = max(before.fastest_mps, math.hypot(*velocity))
+            self.things.append(MovingThing(x_m, y_m, velocity, radius_m, now_s, top_m < sight_m, fastest))
         self.things += known
+
+
+def _is_remembered(thing: MovingThing, observation: Observation, now_s: float) -> bool:
+    """Whether a thing may still be about: for longer where it is low and out of view."""
+    unseen_s = now_s - thing.seen_s
+    if unseen_s <= REMEMBERED_S or not thing.is_low:
+        return unseen_s <= REMEMBERED_S
+    camera, T_camera_world = observation.intrinsics, np.linalg.inv(observation.T_world_camera)
+    x, y, z = transform_points(T_camera_world, np.array([[*thing.after(now_s), _LOW_M]]))[0].tolist()
+    u, v = (camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy) if z > 0.0 else (-1.0, -1.0)
+    in_view = 0.0 <= u < camera.width and 0.0 <= v < camera.height
+    return unseen_s <= HIDDEN_S and not in_view
+
+
+def _sight_height_m(observation: Observation) -> float:
+    """Lowest height that the camera sees at a short distance [m]."""
+    camera, T_world_camera = observation.intrinsics, observation.T_world_camera
+    right, ahead, up = T_world_camera[:3, :3] @ [0.0, (camera.height - camera.cy) / camera.fy, 1.0]
+    return float(T_world_camera[2, 3] + up / max(math.hypot(right, ahead), 1e-6) * _NEAR_M)
 
 
 def _nearest(known: list[MovingThing], x_m: float, y_m: float, now_s: float) -> MovingThing | None:
@@ -78,13 +115,13 @@ def _nearest(known: list[MovingThing], x_m: float, y_m: float, now_s: float) -> 
     best, best_m = None, math.inf
     for thing in known:
         away_m = math.dist(thing.after(now_s), (x_m, y_m))
-        if away_m < min(best_m, 0.4 + 0.5 * FASTEST_MPS * (now_s - thing.seen_s)):
+        if away_m < min(best_m, 0.4 + 0.5 * FASTEST_MPS * min(now_s - thing.seen_s, REMEMBERED_S)):
             best, best_m = thing, away_m
     return best
 
 
-def _clusters(observation: Observation) -> list[tuple[float, float, float]]:
-    """Place and radius [m] of each thing that moved pixels show."""
+def _clusters(observation: Observation) -> list[tuple[float, float, float, float]]:
+    """Place, radius and top [m] of each thing that moved pixels show."""
     assert observation.moved_m is not None
     camera = observation.intrinsics
     thin = max(1, round(camera.fx / _FOCAL_PX))
@@ -95,7 +132,8 @@ def _clusters(observation: Observation) -> list[tuple[float, float, float]]:
     depth_m = observation.moved_m[row, col].astype(float)
     rays = (col + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, np.ones(len(row))
     xyz_m = transform_points(observation.T_world_camera, np.stack(rays, axis=1) * depth_m[:, None])
-    xy_m: Float[np.ndarray, "n 2"] = xyz_m[(xyz_m[:, 2] > _LOW_M) & (xyz_m[:, 2] < _HIGH_M), :2]
+    xyz_m: Float[np.ndarray, "n 3"] = xyz_m[(xyz_m[:, 2] > _LOW_M) & (xyz_m[:, 2] < _HIGH_M)]
+    xy_m = xyz_m[:, :2]
     if len(xy_m) < _LEAST_POINTS:
         return []
     cells = np.floor(xy_m / _CELL_M).astype(np.int64)
@@ -109,5 +147,6 @@ def _clusters(observation: Observation) -> list[tuple[float, float, float]]:
         points = xy_m[of_point == number]
         x_m, y_m = points.mean(axis=0).tolist()
         radius_m = float(np.quantile(np.hypot(points[:, 0] - x_m, points[:, 1] - y_m), 0.95))
-        found.append((x_m, y_m, min(max(radius_m, _SMALLEST_M), _LARGEST_M)))
+        top_m = float(xyz_m[of_point == number, 2].max())
+        found.append((x_m, y_m, min(max(radius_m, _SMALLEST_M), _LARGEST_M), top_m))
     return found

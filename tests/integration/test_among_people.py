@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from anm_mj.bench.job import UNTRAINED
 from anm_mj.config import make_config
 from anm_mj.replay.film import film_frames
 from anm_mj.replay.timeline import read_timeline
@@ -76,3 +77,14 @@ def test_a_run_among_people_that_is_resumed_goes_on_alike(tmp_path):
 
     assert steps(again) == steps(whole)
     assert again.frames.read_text() == whole.frames.read_text()
+
+
+@pytest.mark.slow
+def test_the_robot_drives_into_no_vacuum_robot_that_it_lost_sight_of(tmp_path):
+    settings = ["image_px=128", *UNTRAINED, "people.vacuums=6", "people.chair_pushed_s=40"]
+    config = make_config("default", settings, scene="home", steps=250, goal="coverage")
+
+    _, metrics = run(config, out=tmp_path / "run")
+
+    assert metrics.steps == 250
+    assert metrics.people_contacts == 0

@@ -90,3 +90,46 @@ def test_paths_keep_off_the_disc_of_a_thing_which_leaves_room_for_the_robot():
 
     assert held_disc(far, BODY, Pose2(0.0, 0.0, 0.0), 0.0) == pytest.approx((0.0, 2.0, 0.32))
     assert held_disc(near, BODY, Pose2(0.0, 0.0, 0.0), 0.0) == pytest.approx((0.0, 0.4, 0.15))
+
+
+def seen_from(x_m: float, time_s: float, *, low: bool | None = None):
+    """A frame from a place on the way to a thing at x = 1.5 m, which is low or not, or not seen."""
+    seen = observe(0, Pose2(x_m, 0.0, 0.0))
+    camera, height_m = seen.intrinsics, float(seen.T_world_camera[2, 3])
+    top_m = 0.12 if low else height_m + 0.2
+    rows = np.arange(camera.height) + 0.5
+    z_m = height_m - (rows - camera.cy) / camera.fy * 1.5
+    moved = np.zeros(seen.depth_m.shape, bool)
+    if low is not None:
+        moved[(z_m < top_m) & (z_m > 0.0), 118:138] = True
+    return replace(
+        without_moved(replace(seen, depth_m=np.where(moved, np.float32(1.5), seen.depth_m)), moved), time_s=time_s
+    )
+
+
+@pytest.mark.parametrize(
+    ("low", "x_m", "time_s", "remembered"),
+    [
+        (True, 1.0, 10.0, True),  # the camera looks over it
+        (True, 1.0, 30.0, False),  # for too long
+        (True, 0.0, 10.0, False),  # its place is in view, and empty
+        (True, 0.0, 1.5, True),  # it may be hidden for a moment
+        (False, 1.0, 10.0, False),  # the camera would see it
+    ],
+)
+def test_what_the_camera_looks_over_is_remembered_until_its_place_is_seen(low, x_m, time_s, remembered):
+    things = MovingThings()
+    things.update(seen_from(0.0, 0.0, low=low))
+    assert [thing.is_low for thing in things.things] == [low]
+
+    things.update(seen_from(x_m, time_s))
+    assert len(things.things) == remembered
+
+
+def test_a_low_thing_out_of_sight_needs_more_room_the_longer_it_is_hidden():
+    low = MovingThing(1.0, 0.0, (0.0, 0.0), 0.2, 0.0, is_low=True, fastest_mps=0.3)
+
+    assert [low.spread_m(time_s) for time_s in (0.0, 0.5, 5.0)] == pytest.approx([0.0, 0.15, 0.3])
+    assert replace(low, is_low=False).spread_m(5.0) == 0.0
+    assert in_the_way([low], BODY, Pose2(0.3, 0.0, 0.0), 0.0) is None
+    assert in_the_way([low], BODY, Pose2(0.3, 0.0, 0.0), 5.0) is low
