@@ -34,26 +34,22 @@ _WALL_MPS2, _WALL_M = 10.0, 0.08
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _FASTEST_SHARE = 1.3
 _STUCK_S, _YIELD_S, _JAM_M = 5.0, 1.5, 1.0
-"""Who gets nowhere for so long chooses another place, and sooner where one before it in the list is so near: two who
-meet in a doorway would wait for each other."""
+"""Who gets nowhere for so long chooses another place, sooner where one before it in the list is so near: two who meet
+would wait for each other."""
 _YIELD_TRIES = 10
 _NEAREST_GOAL_M = 2.0
 _ROBOT_START_M, _APART_M = 1.5, 0.8
 """Nobody starts nearer than this to the robot, and to another one."""
-_FOLLOW_M = 1.2
-"""Who follows the robot keeps this distance [m]."""
+_FOLLOW_M = 1.2  # Who follows the robot keeps this distance.
 VACUUM, CHAIR = Footprint(radius_m=0.17, z_min_m=0.0, z_max_m=0.09), Footprint(radius_m=0.22, z_min_m=0.0, z_max_m=0.87)
 _VACUUM_MPS, _CHAIR_MPS = 0.3, 0.5
 _TURN_RADPS = 2.0
-_FAR_M = 1e3
-"""A vacuum robot drives towards a place so far away, until it meets something."""
-_BERTH_M = 0.1
-"""Things stop so far before the robot."""
+_FAR_M = 1e3  # A vacuum robot drives towards a place so far away, until it meets something.
+_BERTH_M = 0.1  # Things stop so far before the robot.
 _PUSHED_M, _CHAIR_CLEAR_M = 0.7, 0.7
 """A chair is pushed so far, with so much clearance before and after: others can pass it."""
 _TRIES = 200
-_STRIDE_PER_HEIGHT = 0.75
-"""Length of a stride, two steps, as a share of the height."""
+_STRIDE_PER_HEIGHT = 0.75  # A stride is two steps.
 
 
 class Crowd:
@@ -182,8 +178,8 @@ class Crowd:
         """One period of the doors; who stands opens none."""
         walking = np.flatnonzero(self._stand_until_s[: self.config.number] <= self._num_periods * PERIOD_S)
         ways_m = [np.vstack([self.xy_m[one], self._path[one]]) for one in walking.tolist()]
-        robot = np.array([*robot_xy_m, self._robot_radius_m])
-        self.doors.move(ways_m, np.vstack([np.column_stack([self.xy_m, self.radius_m]), robot]), PERIOD_S)
+        bodies = [*np.column_stack([self.xy_m, self.radius_m]), [*robot_xy_m, self._robot_radius_m]]
+        self.doors.move(ways_m, np.array(bodies), PERIOD_S)
 
     @property
     def next_s(self) -> float:
@@ -306,12 +302,12 @@ class Crowd:
         places, here = self.floor.places_m, self.xy_m[one]
         others = np.vstack([np.delete(self.xy_m, one, axis=0), robot_xy_m])
         away = here - others[np.linalg.norm(others - here, axis=1).argmin()]
-        path = here[None]
+        path, ways = here[None], self.floor.ways(here)
         for _ in range(_YIELD_TRIES):
             goal, tries = here, 0
             while math.dist(goal, here) < _NEAREST_GOAL_M and tries < _TRIES:
                 goal, tries = places[random.integers(len(places))], tries + 1
-            path = self.floor.path(here, goal)
+            path = ways(goal)
             if not stuck or (path[min(round(_AHEAD_M / 0.1), len(path) - 1)] - here) @ away > 0.0:
                 break
         self._path[one] = path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -94,12 +95,25 @@ class WalkingFloor:
 
     def path(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
         """Places from one on to another, a tenth of a metre apart; the end alone where nothing leads there [m]."""
-        start, end = self._cell(start_m), self._cell(end_m)
+        return self._ways(start_m, [self._cell(end_m)])(end_m)
+
+    def ways(self, start_m: Float[np.ndarray, "2"]) -> Callable[[Float[np.ndarray, "2"]], Float[np.ndarray, "k 2"]]:
+        """:meth:`path` from a place, by its end: one search for all ends."""
+        return self._ways(start_m, None)
+
+    def _ways(
+        self, start_m: Float[np.ndarray, "2"], ends: list[tuple[int, int]] | None
+    ) -> Callable[[Float[np.ndarray, "2"]], Float[np.ndarray, "k 2"]]:
         search = MCP_Geometric(self._cost)
-        cost, _ = search.find_costs([start], [end])
-        if not np.isfinite(cost[end]):
-            return end_m[None]
-        return self._routes.grid.centres_m(*np.array(search.traceback(end)).T)
+        cost, _ = search.find_costs([self._cell(start_m)], ends)
+
+        def to(end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
+            end = self._cell(end_m)
+            if not np.isfinite(cost[end]):
+                return end_m[None]
+            return self._routes.grid.centres_m(*np.array(search.traceback(end)).T)
+
+        return to
 
     def doorway(self, near_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         """The middle of the doorway that is nearest to a place, but not at it [m].

@@ -17,6 +17,7 @@ from anm_mj.sim.moved_rays import MovedRays
 from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
 from anm_mj.sim.render_mesh import are_moved, visible_geoms
 from anm_mj.types import Action
+from tests.people.conftest import crowd_in, write_crowd
 
 ROBOT_M = 0.18
 
@@ -25,7 +26,7 @@ ROBOT_M = 0.18
 def robot(scene):
     """Among one person who stands still."""
     with make_robot(scene, people=PeopleConfig(number=1), image_px=64) as robot:
-        robot._crowd._stand_until_s[:] = 1e5
+        crowd_in(robot)._stand_until_s[:] = 1e5
         yield robot
 
 
@@ -74,6 +75,23 @@ def test_a_copy_moves_on_by_itself_and_alike(floor, scene):
     crowd.follow(3.0, scene.starts[0].xy_m)
     assert np.array_equal(crowd.xy_m, copied.xy_m)
     assert not np.array_equal(crowd.xy_m, before)
+
+
+def test_one_search_leads_to_every_place_as_one_for_each_does(floor):
+    start, *ends = floor.places_m[:: len(floor.places_m) // 6]
+    to = floor.ways(start)
+
+    assert all(np.array_equal(to(end), floor.path(start, end)) for end in ends)
+    assert min(len(to(end)) for end in ends) > 5
+
+
+def test_every_doorway_lies_between_two_rooms_and_nobody_stops_in_one(floor):
+    middles = np.array([door.middle_m for door in floor.doorways])
+    widths = [math.dist(door.left_m, door.right_m) for door in floor.doorways]
+
+    assert len(middles) == 7
+    assert 0.5 < min(widths) < max(widths) < 1.6
+    assert np.linalg.norm(floor.places_m[:, None] - middles, axis=2).min() > 0.7
 
 
 def test_a_follower_comes_to_the_robot(floor, scene):
@@ -126,8 +144,8 @@ def test_images_begun_ahead_show_people_where_they_will_be(scene):
 def before_the_robot(robot, distance_m=1.0):
     """Put the first person in front of the robot."""
     pose = robot.pose
-    robot._crowd.xy_m[0] = pose.xy_m + distance_m * np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
-    robot._figures.write(robot._crowd, robot.data)
+    crowd_in(robot).xy_m[0] = pose.xy_m + distance_m * np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
+    write_crowd(robot)
 
 
 def test_every_camera_shows_the_same_people(robot):
@@ -149,7 +167,7 @@ def test_every_camera_shows_the_same_people(robot):
 
 
 def test_feet_stand_on_the_floor_in_every_phase(robot):
-    crowd, model, data = robot._crowd, robot.model, robot.data
+    crowd, model, data = crowd_in(robot), robot.model, robot.data
     feet = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX]
     feet = [geom for geom in feet if model.body(int(model.geom_bodyid[geom])).name.startswith("person_")]
     lowest = []
@@ -168,10 +186,10 @@ def test_feet_stand_on_the_floor_in_every_phase(robot):
 @pytest.mark.parametrize("drive", ["kinematic", "physics"])
 def test_a_person_stops_the_robot(scene, drive):
     with make_robot(scene, people=PeopleConfig(number=1, longest_stand_s=1e5), image_px=16, drive=drive) as robot:
-        robot._crowd._stand_until_s[:] = 1e5
+        crowd_in(robot)._stand_until_s[:] = 1e5
         before_the_robot(robot, ROBOT_M + BODY.radius_m + 0.1)
         results = [robot.act(Action.MOVE_FORWARD) for _ in range(3)]
-        apart_m = robot._crowd.distance_m(robot.pose.xy_m)
+        apart_m = crowd_in(robot).distance_m(robot.pose.xy_m)
 
     assert results[-1].collided
     assert results[-1].met_person
@@ -180,14 +198,14 @@ def test_a_person_stops_the_robot(scene, drive):
 
 def test_restarted_people_begin_anew(scene):
     with make_robot(scene, people=PeopleConfig(number=2, longest_stand_s=0.0), image_px=16) as robot:
-        first = robot._crowd.xy_m.copy()
+        first = crowd_in(robot).xy_m.copy()
         for _ in range(20):
             robot.act(Action.TURN_LEFT)
-        moved = robot._crowd.xy_m.copy()
+        moved = crowd_in(robot).xy_m.copy()
         robot.restart(scene.starts[0])
 
         assert not np.allclose(moved, first)
-        assert np.array_equal(robot._crowd.xy_m, first)
+        assert np.array_equal(crowd_in(robot).xy_m, first)
 
 
 def test_rays_tell_people_from_what_stands_before_them(robot):
