@@ -176,7 +176,8 @@ class EpisodeStatistics:
         """The statistics with one more step."""
         side = {Action.TURN_LEFT: 1, Action.TURN_RIGHT: -1}.get(action, 0)
         in_a_row = self.turned_in_a_row + side if side * self.turned_in_a_row > 0 else side
-        moved = side == 0 and moved_m > 0.0
+        # In the physics drive a robot that waits creeps.
+        moved = action is Action.MOVE_FORWARD and moved_m > 0.0
         return EpisodeStatistics(
             forwards=self.forwards + moved,
             turns=self.turns + abs(side),

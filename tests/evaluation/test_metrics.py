@@ -29,3 +29,8 @@ def test_a_full_rotation_goes_to_one_side():
 def test_stage_rates():
     assert travelled([(F, 0.065)] * 4).stage_hz == {"map": 20.0}
     assert EpisodeStatistics().stage_hz == {}
+
+
+def test_a_robot_that_creeps_while_it_waits_has_waited():
+    creeping = EpisodeStatistics().after(Action.WAIT, False, 1e-6, {})
+    assert (creeping.waits, creeping.forwards, creeping.steps) == (1, 0, 1)
