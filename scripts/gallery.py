@@ -23,6 +23,7 @@ def main(
     steps: int = 500,
     seed: int = 0,
     every: int = 14,
+    reality: str = "real",
     existing: Path | None = None,
 ) -> None:
     """Explore, then write film.gif, curve.png and topdown.png, and where Chromium is replay.png.
@@ -33,11 +34,12 @@ def main(
         steps: budget of the run.
         seed: of map and policy.
         every: steps between two frames of the film.
+        reality: the world of the run, as of anm-mj explore.
         existing: a run folder to take instead of exploring.
     """
     folder = existing
     if folder is None:
-        folder = run(make_config("default", [], scene=scene, steps=steps, seed=seed))[0].path
+        folder = run(make_config("default", [], scene=scene, steps=steps, seed=seed, reality=reality))[0].path
     out.mkdir(parents=True, exist_ok=True)
     write_film(read_timeline(folder), out / "film.gif", fps=6.0, every=every)
     for name in ("curve.png", "topdown.png"):
