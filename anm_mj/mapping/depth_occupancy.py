@@ -19,7 +19,7 @@ from anm_mj.frames import pixel_directions
 from anm_mj.mapping.depth_noise import NoiseMean
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
-from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
+from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays, unseen_voxels
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
@@ -68,16 +68,7 @@ class DepthOccupancy:
         self.config = config
         self._moved = MovedVoxels(moving or MovingConfig(), config)
         self._kernels = OccupancyKernels(config)
-        shape = (0, 0, 0)
-        self.voxels = VoxelArrays(
-            log_odds=np.zeros(shape, np.int8),
-            state=np.zeros(shape, np.int8),
-            seen_range_m=np.zeros(shape, np.float32),
-            num_hits=np.zeros(shape, np.uint16),
-            block_stamp=np.zeros(shape, np.int32),
-            column_version=np.zeros((0, 0), np.int32),
-            corner=np.zeros(3, np.int64),
-        )
+        self.voxels = unseen_voxels((0, 0, 0), np.zeros(3, np.int64))
         """``log_odds`` of being occupied in tenths, 0 where never observed. ``num_hits``: pixels of all frames that
         fell into each voxel, up to 65535, images thinned to 64 px of focal length; near, frontal and repeated views all
         add to it: it is the sampling density of the surface. ``block_stamp``: number of the last frame (from 1) that
@@ -196,10 +187,8 @@ class DepthOccupancy:
 
         The count of frames goes on; what is known of the sensor's noise stays.
         """
-        empty = {name: np.zeros_like(array) for name, array in self.voxels._asdict().items()}
-        empty |= {"seen_range_m": np.full_like(self.voxels.seen_range_m, np.inf), "corner": self.voxels.corner}
         noise = self.noise.array()
-        self.voxels = VoxelArrays(**empty)
+        self.voxels = unseen_voxels(self.voxels.state.shape, self.voxels.corner)
         for view in views:
             self.integrate(*view)
         self.noise.set_array(noise)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import Intrinsics
+from anm_mj.types import UNKNOWN, Intrinsics
 from anm_mj.utils.threads import usual_num_threads
 
 BLOCK = 16
@@ -59,6 +59,20 @@ class VoxelArrays(NamedTuple):
         layers, rows, cols = self.state.shape
         inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
         return inside, (z[inside], y[inside], x[inside])
+
+
+def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> VoxelArrays:
+    """The arrays of a grid of so many layers, rows and columns, whole blocks each, of which nothing was observed."""
+    blocks = tuple(side // BLOCK for side in shape)
+    return VoxelArrays(
+        log_odds=np.zeros(shape, np.int8),
+        state=np.full(shape, UNKNOWN, np.int8),
+        seen_range_m=np.full(shape, np.inf, np.float32),
+        num_hits=np.zeros(shape, np.uint16),
+        block_stamp=np.zeros(blocks, np.int32),
+        column_version=np.zeros(blocks[1:], np.int32),
+        corner=corner,
+    )
 
 
 class CameraView(NamedTuple):

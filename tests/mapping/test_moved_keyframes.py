@@ -6,7 +6,7 @@ import numpy as np
 
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.types import OCCUPIED, Observation, TrainingEffort
+from anm_mj.types import OCCUPIED, UNKNOWN, Observation, TrainingEffort
 from tests.mapping.ray_room import Room
 
 SHIFT_M = 0.3
@@ -50,6 +50,16 @@ def test_occupancy_and_field_go_where_the_keyframes_go(tiny_config: MappingConfi
     assert by_depth.grid.version > version
     assert (by_depth.grid.column_version == by_depth.grid.version).all()
     assert by_depth.noise.value == noise
+
+
+def test_what_no_keyframe_shows_is_unknown_again(tiny_config: MappingConfig, room: Room) -> None:
+    frames = [room.observe(1.5, 1.5, 1.2 + 0.2 * k, size=64, step=k) for k in range(3)]
+    neural_map, fresh = mapped(tiny_config, frames), mapped(tiny_config, frames[:1])
+    neural_map.rebuild([(frames[0].depth_m, frames[0].intrinsics, frames[0].T_world_camera)], 1)
+    grid, expected = neural_map.occupancy.by_depth.grid, fresh.occupancy.by_depth.grid
+    assert (grid.state != UNKNOWN).sum() == (expected.state != UNKNOWN).sum() > 1000
+    assert (grid.state == OCCUPIED).sum() == (expected.state == OCCUPIED).sum()
+    assert np.isfinite(grid.seen_range_m).sum() == np.isfinite(expected.seen_range_m).sum()
 
 
 def test_the_last_frame_goes_with_its_keyframe(tiny_config: MappingConfig, room: Room) -> None:
