@@ -31,6 +31,13 @@ def shortcut(
     return points_m[kept]
 
 
+def divided(points_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:
+    """A polyline [m] with further corners, so that no segment is longer than ``length_m``."""
+    parts = np.maximum(np.ceil(np.linalg.norm(np.diff(points_m, axis=0), axis=1) / length_m), 1.0).astype(int)
+    at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(parts))])
+    return np.stack([np.interp(at, np.arange(len(points_m)), axis) for axis in points_m.T], axis=1)
+
+
 def heading_legs(
     delta_m: Float[np.ndarray, "2"], yaw_rad: float
 ) -> tuple[tuple[int, int], tuple[float, float], tuple[float, float]]:

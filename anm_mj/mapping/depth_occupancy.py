@@ -16,46 +16,35 @@ from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
-from anm_mj.mapping.depth_noise import NoiseMean
+from anm_mj.mapping.depth_noise import NoiseMean, Strays
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
-from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays, unseen_voxels
+from anm_mj.mapping.occupancy_kernels import (
+    BLOCK,
+    FARTHEST_CELL,
+    CameraView,
+    OccupancyKernels,
+    VoxelArrays,
+    check_arrays,
+    unseen_voxels,
+)
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
-from anm_mj.utils.read_file import array_of
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
 _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
 """So many frames that contradict it change the state of a voxel of a prior run."""
-_FARTHEST_CELL = 1e8
-"""Voxels lie within this number of voxels about the origin."""
 MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
 """Most voxels of a grid; each takes eight bytes."""
+_SURE_MISSES, _STRAY_RANGE_M = 10, 3.5
+"""A pixel up to this depth [m] strays where so many frames more looked through its voxel than hit it: farther ones may
+lie in a voxel beside theirs by noise that is no stray's."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
-
-
-def _check(state: dict[str, np.ndarray]) -> None:
-    """Raises ValueError for arrays that are no grid."""
-    shape = array_of(state, "log_odds", "i", (None, None, None)).shape
-    for name, kinds in (("state", "i"), ("num_hits", "iu")):
-        array_of(state, name, kinds, shape)
-    seen = state.get("seen_range_m")
-    if seen is None or seen.dtype.kind != "f" or seen.shape != shape or np.isnan(seen).any():
-        raise ValueError("seen_range_m does not fit log_odds")
-    corner = array_of(state, "corner", "i", (3,))
-    array_of(state, "block_stamp", "i", tuple(cells // BLOCK for cells in shape))
-    if any(cells % BLOCK for cells in shape) or np.abs(corner.astype(float)).max() > _FARTHEST_CELL:
-        raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
-    if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
-        raise ValueError(f"num_frames is {state['num_frames']}")
-    noise = array_of(state, "depth_noise", "f", (3,))
-    if not (noise >= 0.0).all():
-        raise ValueError(f"depth_noise is {noise.tolist()}")
 
 
 class DepthOccupancy:
@@ -75,6 +64,8 @@ class DepthOccupancy:
         had a hit in a block; 0 where none had. ``corner`` is a multiple of ``BLOCK``."""
         self.noise = NoiseMean()
         """How noisy the images are."""
+        self.strays = Strays()
+        """Whether single pixels of them lie where nothing is."""
         self._num_frames = 0
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
@@ -126,6 +117,7 @@ class DepthOccupancy:
         stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
         phase = self._num_frames % stride, self._num_frames // stride % stride
         voxels, hit_depth = self._kernels.hits(view, phase, stride)
+        self.strays.add(self._is_straying(voxels, hit_depth))
         low, high = box = self._view_box(view, 0.0)
         if len(voxels):
             # Axis by axis: a reduction over many rows of three takes several times as long.
@@ -187,11 +179,12 @@ class DepthOccupancy:
 
         The count of frames goes on; what is known of the sensor's noise stays.
         """
-        noise = self.noise.array()
+        noise, strays = self.noise.array(), self.strays.array()
         self.voxels = unseen_voxels(self.voxels.state.shape, self.voxels.corner)
         for view in views:
             self.integrate(*view)
         self.noise.set_array(noise)
+        self.strays.set_array(strays)
         self.voxels = self.voxels._replace(column_version=np.full_like(self.voxels.column_version, self._num_frames))
 
     def state_at(self, points_m: Float[np.ndarray, "n 3"], *, held: bool = True) -> Int[np.ndarray, " n"]:
@@ -231,35 +224,22 @@ class DepthOccupancy:
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
         """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
-        layers, rows, cols = self.voxels.state.shape
-        state = self.voxels.state.reshape(-1)
-        # Low and high voxel along x, y and z, as offsets into the raveled grid.
-        offsets, insides = [], []
-        for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
-            ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
-            voxel = np.rint(ends / self.config.voxel_m).astype(np.int64) - self.voxels.corner[axis]
-            insides.append((voxel >= 0) & (voxel < count))
-            offsets.append(np.where(insides[-1], voxel, 0) * stride)
-        near = np.zeros(len(points_m), bool)
-        if not len(state):
-            return near
-        for x, y, z in np.ndindex(2, 2, 2):
-            inside = insides[0][x] & insides[1][y] & insides[2][z]
-            near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
-        return near
+        return self.voxels.near_occupied(points_m, reach_m, self.config.voxel_m)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a file holds, by name; views, as copies would take as much memory as the grid."""
         arrays = self.voxels._asdict()
         # A reader of the file reads everything anyway.
         del arrays["column_version"]
-        return {**arrays, "num_frames": np.array(self._num_frames), "depth_noise": self.noise.array()}
+        learnt = {"depth_noise": self.noise.array(), "strays": self.strays.array()}
+        return {**arrays, "num_frames": np.array(self._num_frames), **learnt}
 
     def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
         """Take over what :meth:`arrays` gave. Raises ValueError if it was not given so."""
-        _check(arrays)
+        check_arrays(arrays)
         self._num_frames = int(arrays["num_frames"])
         self.noise.set_array(arrays["depth_noise"])
+        self.strays.set_array(arrays.get("strays", np.zeros(2)))
         self.voxels = VoxelArrays(
             log_odds=arrays["log_odds"].astype(np.int8),
             state=arrays["state"].astype(np.int8),
@@ -279,6 +259,11 @@ class DepthOccupancy:
         occupied = _MISSES_THAT_EMPTY * self.config.miss
         log_odds = np.clip(self.voxels.log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
         self.voxels = self.voxels._replace(log_odds=log_odds)
+
+    def _is_straying(self, places: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> bool:
+        """Whether any of the voxels that pixels hit, from near enough to tell, was surely free before."""
+        _, cells = self.voxels.cells_of(places[depth_m < _STRAY_RANGE_M])
+        return bool((self.voxels.log_odds[cells] <= -_SURE_MISSES * self.config.miss).any())
 
     def _view(
         self, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
@@ -340,7 +325,7 @@ class DepthOccupancy:
             first = np.minimum(first, self.voxels.corner)
             last = np.maximum(last, self.voxels.corner + np.array(self.voxels.state.shape[::-1]))
         cells = last - first
-        if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= _FARTHEST_CELL:
+        if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= FARTHEST_CELL:
             return
         size = " x ".join(f"{edge_m:.4g}" for edge_m in cells * self.config.voxel_m)
         raise MapError(

@@ -11,6 +11,9 @@ learnt a chair's leg or the top of a bed yet, and with a noisy sensor the field 
 hit is occupied where its centre lies in the solid and the noise explains how a ray came to pass it. What no depth ever
 hit stays free or unknown, because a field extrapolates any sign it likes there.
 
+Where single pixels of the sensor stray (:class:`~anm_mj.mapping.depth_noise.Strays`), no distance is too far for a hit
+of few pixels: the field decides on those at any depth.
+
 A block in view changes with every frame, but most of its voxels only because the field has learnt a little more. Where
 depth and field agreed so far, the field is therefore asked in every third reading of a block alone, the blocks in turn.
 """
@@ -26,7 +29,7 @@ from anm_mj.mapping.depth_noise import EXACT_PER_M
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
 from anm_mj.mapping.occupancy_kernels import BLOCK, HALF_DIAGONAL
-from anm_mj.types import UNKNOWN, OccupancyGrid, SdfQuery
+from anm_mj.types import FREE, UNKNOWN, OccupancyGrid, SdfQuery
 from anm_mj.utils.arrays import embed
 
 HIT_SHARE = 0.75
@@ -36,6 +39,8 @@ layer below lies a whole edge away."""
 NOISE_REACH = 8.0
 """Noise explains a hit that lies within so many standard deviations of the surface: of the millions of pixels that fall
 near a surface, the farthest is what an obstacle is made of."""
+STRAY_PIXELS = 2
+"""So many pixels in a voxel, of all frames, may have strayed there: more seldom come together by chance."""
 _NOISE_CHANGE = 1.1
 """All blocks are read again when the noise turns out larger or smaller by this factor."""
 _READINGS_PER_TURN = 3
@@ -61,6 +66,7 @@ class FieldOccupancy:
         """Readings of each block until it is read as a whole again."""
         self._read_up_to = 0
         self._noise_per_m = math.inf
+        self._strays = False
 
     def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> OccupancyGrid:
         """Free, occupied and unknown space as of now.
@@ -123,7 +129,8 @@ class FieldOccupancy:
         """
         if not len(places):
             return places
-        voxels, read = self._ask_field(places, depth_grid, sdf_m, whole=whole) if self._noise_per_m else _NOTHING
+        asks = self._noise_per_m > 0.0 or self._strays
+        voxels, read = self._ask_field(places, depth_grid, sdf_m, whole=whole) if asks else _NOTHING
         return places[write_blocks(depth_grid.state, places, voxels, read, self._state)]
 
     def _ask_field(
@@ -145,15 +152,21 @@ class FieldOccupancy:
             passed_m=HALF_DIAGONAL * depth_grid.resolution_m,
             ray_reach_m=float(noise_per_m * np.float32(self._by_depth.config.carve_range_m) ** 2),
         )
-        return voxels, decide_voxels(depth_grid.state, depth_grid.seen_range_m, voxels, sdf_m(points_m), rule)
+        distance_m = sdf_m(points_m)
+        states = decide_voxels(depth_grid.state, depth_grid.seen_range_m, voxels, distance_m, rule)
+        if self._strays:
+            few = self._by_depth.voxels.num_hits.reshape(-1)[voxels] <= STRAY_PIXELS
+            states[few & (distance_m > rule.hit_m)] = FREE
+        return voxels, states
 
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""
         noise = self._by_depth.noise.value
         # What exact depth says stands, and the field is not asked.
-        noise = 0.0 if noise < EXACT_PER_M else noise
-        if max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m):
-            self._noise_per_m = noise
+        noise, strays = 0.0 if noise < EXACT_PER_M else noise, self._by_depth.strays.are_known
+        changed = max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m)
+        if changed or strays != self._strays:
+            self._noise_per_m, self._strays = noise, strays
             self._read_frame.fill(0)
             self._whole_frame.fill(0)
 

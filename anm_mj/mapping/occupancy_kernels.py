@@ -9,11 +9,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
+from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import UNKNOWN, Intrinsics
+from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics
+from anm_mj.utils.read_file import array_of
 from anm_mj.utils.threads import usual_num_threads
 
 BLOCK = 16
@@ -36,6 +37,8 @@ REACH_M = 0.6
 APART_M, APART_SHARE = 0.06, 0.03
 """Neighbouring pixels hang together whose depths differ by less than either."""
 NOWHERE = np.zeros((0, 0), np.uint8)
+FARTHEST_CELL = 1e8
+"""Voxels lie within this number of voxels about the origin."""
 
 Voxels = Int64[np.ndarray, "n 3"]
 """x, y, z index of voxels."""
@@ -59,6 +62,33 @@ class VoxelArrays(NamedTuple):
         layers, rows, cols = self.state.shape
         inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
         return inside, (z[inside], y[inside], x[inside])
+
+    def near_occupied(
+        self, points_m: Float[np.ndarray, "n 3"], reach_m: float, voxel_m: float
+    ) -> Bool[np.ndarray, " n"]:
+        """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis.
+
+        Args:
+            points_m: world points [m].
+            reach_m: how near [m].
+            voxel_m: edge of a voxel [m].
+        """
+        layers, rows, cols = self.state.shape
+        state = self.state.reshape(-1)
+        # Low and high voxel along x, y and z, as offsets into the raveled grid.
+        offsets, insides = [], []
+        for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+            ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
+            voxel = np.rint(ends / voxel_m).astype(np.int64) - self.corner[axis]
+            insides.append((voxel >= 0) & (voxel < count))
+            offsets.append(np.where(insides[-1], voxel, 0) * stride)
+        near = np.zeros(len(points_m), bool)
+        if not len(state):
+            return near
+        for x, y, z in np.ndindex(2, 2, 2):
+            inside = insides[0][x] & insides[1][y] & insides[2][z]
+            near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
+        return near
 
 
 def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> VoxelArrays:
@@ -229,3 +259,24 @@ class OccupancyKernels:
         """
         self._native.bind(*voxels)
         self._native.mark(places, depth_m, SEEN_RANGE_STEP_M, self._config.hit, self._config.limit, frame)
+
+
+def check_arrays(state: dict[str, np.ndarray]) -> None:
+    """Raises ValueError for arrays of a file that are no grid."""
+    shape = array_of(state, "log_odds", "i", (None, None, None)).shape
+    for name, kinds in (("state", "i"), ("num_hits", "iu")):
+        array_of(state, name, kinds, shape)
+    seen = state.get("seen_range_m")
+    if seen is None or seen.dtype.kind != "f" or seen.shape != shape or np.isnan(seen).any():
+        raise ValueError("seen_range_m does not fit log_odds")
+    corner = array_of(state, "corner", "i", (3,))
+    array_of(state, "block_stamp", "i", tuple(cells // BLOCK for cells in shape))
+    if any(cells % BLOCK for cells in shape) or np.abs(corner.astype(float)).max() > FARTHEST_CELL:
+        raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
+    if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
+        raise ValueError(f"num_frames is {state['num_frames']}")
+    for name, size in (("depth_noise", 3), ("strays", 2)):
+        # Maps of older versions have no strays.
+        noise = array_of({"strays": np.zeros(2), **state}, name, "f", (size,))
+        if not (noise >= 0.0).all():
+            raise ValueError(f"{name} is {noise.tolist()}")

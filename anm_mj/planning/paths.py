@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
-from anm_mj.geometry.polyline import NUM_HEADINGS, heading_legs, shortcut
+from anm_mj.geometry.polyline import NUM_HEADINGS, divided, heading_legs, shortcut
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2, TopDownMap, VoronoiGraph
 
 COARSE_STRIDE = 8
@@ -28,6 +28,8 @@ SHORT_LEG_M = 0.6
 """Shorter legs need one heading correction at most [m]."""
 MIN_LEG_M = 0.1
 """Legs are split in two only where both parts are longer than this [m]."""
+JOIN_M = 0.15
+"""Without a margin, paths begin at places of the graph's edges that lie so far apart [m]."""
 NEAR_ROBOT_M = 0.3
 """Within this distance of a robot in a tight spot, paths need no more clearance than the robot has [m]."""
 
@@ -50,6 +52,9 @@ class ShortestPathTree:
     """Least clearance of paths [m]."""
     pose: Pose2
     """Where the robot stands, and all paths begin."""
+    joins_edges: bool = False
+    """Whether detours are cut off to any place of an edge, not to vertices alone: in front of a passage that leaves a
+    few centimetres, the next vertex may lie behind the robot."""
 
     def path_to(self, vertex: int) -> Float[np.ndarray, "k 2"]:
         """Polyline from the robot to a vertex, with detours cut off; empty when there is no path [m]."""
@@ -58,6 +63,7 @@ class ShortestPathTree:
         vertices = self.vertices_to(vertex)
         along = self.graph.vertex_xy_m[vertices[::-1]]
         points = np.concatenate([self.connection_xy_m[vertices[-1]], along[1:]])
+        points = divided(points, JOIN_M) if self.joins_edges else points
         return shortcut_path(points, self.topdown, self.safe_m, self.pose)
 
     def vertices_to(self, vertex: int) -> list[int]:
@@ -69,7 +75,9 @@ class ShortestPathTree:
         return vertices
 
 
-def shortest_paths(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> ShortestPathTree:
+def shortest_paths(
+    graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float, *, joins_edges: bool = False
+) -> ShortestPathTree:
     """Shortest paths from the robot to all vertices, by one search of a sparse graph.
 
     Args:
@@ -77,6 +85,7 @@ def shortest_paths(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m
         topdown: decides which connections from the robot to the graph are safe.
         pose: where the robot stands.
         safe_m: least clearance of a path [m].
+        joins_edges: as of :class:`ShortestPathTree`.
     """
     n = len(graph.vertex_xy_m)
     connections = _connect(graph, topdown, pose, safe_m)
@@ -93,7 +102,7 @@ def shortest_paths(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m
     weights = np.maximum(np.concatenate([graph.edge_length_m, lengths]), 1e-6)
     links = coo_matrix((weights, (rows, cols)), shape=(n + 1, n + 1)).tocsr()
     distance, predecessor = dijkstra(links, directed=False, indices=n, return_predecessors=True)
-    return ShortestPathTree(distance[:n], predecessor.tolist(), connections, graph, topdown, safe_m, pose)
+    return ShortestPathTree(distance[:n], predecessor.tolist(), connections, graph, topdown, safe_m, pose, joins_edges)
 
 
 def segments_clear(

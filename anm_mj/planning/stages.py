@@ -99,7 +99,8 @@ class Stages:
         with watch.stage("graph"):
             graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m, coarse_far_field=self._coarse_far_field)
         with watch.stage("paths"):
-            paths = shortest_paths(graph, topdown, pose, self.safe_m)
+            tight = self.safe_m <= self._radius_m
+            paths = shortest_paths(graph, topdown, pose, self.safe_m, joins_edges=tight)
         return PlanningState(pose, topdown, graph, paths, watch)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.mapping.field_occupancy import HIT_SHARE, FieldOccupancy
+from anm_mj.mapping.field_occupancy import HIT_SHARE, STRAY_PIXELS, FieldOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy_kernels import BLOCK
@@ -107,6 +107,49 @@ def test_the_field_decides_where_no_image_told_of_the_sensor(exact):
     assert not (FieldOccupancy(untold).grid(nothing_there).state == OCCUPIED).any()
 
 
+def straying(observations, share):
+    """Exact depth, but for single pixels of any depth."""
+    rng = np.random.default_rng(1)
+    for seen in observations:
+        wrong = rng.random(seen.depth_m.shape) < share
+        depth_m = np.where(wrong, rng.uniform(0.3, 3.0, wrong.shape), seen.depth_m)
+        yield replace(seen, depth_m=depth_m.astype(np.float32))
+
+
+def test_pixels_that_stray_leave_next_to_no_obstacle_in_free_space(room):
+    looks = [seen for _ in range(4) for seen in room.turn(1.5, 1.5, 12, size=128)]
+    occupancy = fuse(DepthOccupancy(OccupancyConfig()), straying(looks, 0.002))
+    assert occupancy.strays.are_known
+    raw, state = occupancy.grid, FieldOccupancy(occupancy).grid(room.sdf).state
+    apart = np.zeros(raw.state.shape, bool)
+    apart[tuple(np.argwhere(raw.state == OCCUPIED)[room.sdf(centres(raw, OCCUPIED)) > 0.1].T)] = True
+    assert apart.sum() > 5
+    assert (state[apart] == OCCUPIED).mean() < 0.1
+    # What many pixels hit stands, whatever the field says.
+    often = (raw.state == OCCUPIED) & (occupancy.voxels.num_hits > STRAY_PIXELS)
+    nothing = FieldOccupancy(occupancy).grid(nothing_there).state
+    assert often.any()
+    assert (nothing[often] == OCCUPIED).all()
+
+
+def test_exact_images_hold_no_pixel_that_strays(room):
+    looks = [seen for _ in range(4) for seen in room.turn(1.5, 1.5, 12, size=128)]
+    assert not fuse(DepthOccupancy(OccupancyConfig()), looks).strays.are_known
+
+
+def test_a_map_of_an_older_version_knows_of_no_strays(exact):
+    arrays = exact.arrays()
+    exact.strays.set_array(np.array([100.0, 50.0]))
+    kept = DepthOccupancy(OccupancyConfig())
+    kept.set_arrays(exact.arrays())
+    assert kept.strays.are_known
+    del arrays["strays"]
+    kept.set_arrays(arrays)
+    assert not kept.strays.are_known
+    with pytest.raises(ValueError, match="strays"):
+        kept.set_arrays({**arrays, "strays": np.array([-1.0, 0.0])})
+
+
 def test_a_part_is_of_now_and_the_rest_follows(room, occupancy):
     geometry, whole = FieldOccupancy(occupancy), FieldOccupancy(occupancy)
     geometry.grid(room.sdf)
@@ -160,6 +203,7 @@ def test_reading_again_reads_what_came_in(room, occupancy):
 def test_bit_by_bit_is_as_good_as_at_once(room):
     occupancy = DepthOccupancy(OccupancyConfig())
     geometry = FieldOccupancy(occupancy)
+    kept = geometry.grid(room.sdf)
     for seen in noisy(room.turn(1.0, 1.0, 6, size=96) + room.turn(3.5, 2.5, 6, size=96)):
         fuse(occupancy, [seen])
         kept = geometry.grid(room.sdf)

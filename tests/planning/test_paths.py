@@ -14,7 +14,7 @@ from anm_mj.planning.paths import (
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
-from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2
+from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2, VoronoiGraph
 from tests.planning.worlds import room, topdown_map
 
 SAFE_M = 0.22
@@ -55,6 +55,20 @@ def test_path_is_never_longer_than_along_the_graph():
     for vertex in range(0, len(graph.vertex_xy_m), 7):
         if np.isfinite(paths.distance_m[vertex]):
             assert length(paths.path_to(vertex)) <= paths.distance_m[vertex] + 1e-9
+
+
+def test_edges_are_joined_between_their_vertices():
+    # A graph of one edge through a narrow door, whose near end lies behind the robot.
+    pose, safe_m = Pose2(2.5, 1.2, 0.0), 0.24
+    _, topdown = situation(room(8, 3, boxes=[(4.2, 0.2, 4.3, 1.4), (4.2, 2.0, 4.3, 3.2)]), pose)
+    ends_m = np.array([[1.0, 1.7], [6.0, 1.7]])
+    graph = VoronoiGraph(ends_m, np.ones(2), np.array([[0, 1]]), np.array([5.0]))
+    behind = shortest_paths(graph, topdown, pose, safe_m).path_to(1)
+    joined = shortest_paths(graph, topdown, pose, safe_m, joins_edges=True).path_to(1)
+    assert behind[1].tolist() == [1.0, 1.7]
+    assert joined[:, 0].min() == pose.x_m
+    assert np.allclose(joined[-1], ends_m[1])
+    assert segments_clear(topdown, joined[:-1], joined[1:], safe_m, pose).all()
 
 
 def test_no_path_leads_behind_a_closed_wall():

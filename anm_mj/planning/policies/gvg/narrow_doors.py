@@ -1,8 +1,9 @@
 """Passages that a wide robot may or may not fit through: looked at early, because a building may lie behind them.
 
 From afar the reveal of a doorway is unknown, and obstacles are thicker than they are. So the robot first keeps no
-margin any more. Where this opens no path it looks through the passage from beside it, and where that opens none either,
-to the sides of the passage.
+margin any more. Where this opens no path it looks through the passage from straight before it, and where that opens
+none either, to the sides of the passage. Robot and passage are then in line: from beside a passage that leaves a few
+centimetres it would have to drive back first.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.narrow_gaps import narrow_gaps
+from anm_mj.planning.paths import segments_clear, shortcut_path
 from anm_mj.planning.policies.gvg.candidate_places import candidate_places
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
@@ -23,6 +25,13 @@ from anm_mj.types import FORWARD_STEP_M, Plan
 _SAME_M = 0.75
 """Passages nearer to each other than this are one [m]."""
 _ABOUT_AS_GOOD = 0.8
+_WAY_SHARE = 0.2
+"""The straight approach that ends nearest to a passage is the best one; a metre of way to it counts as so many metres
+that are left before the passage."""
+_STAND_OFF_M = 0.5
+"""From this much before the end of its approach the camera sees both sides of a passage [m]."""
+_PARTS = 12
+"""An approach is tried in so many parts."""
 _SIDES_RAD = math.radians(45.0)
 _MAX_LOOKS = 2
 
@@ -53,8 +62,12 @@ class NarrowDoors:
             return False
         return self._stages.drop_margin()
 
-    def _find(self, state: PlanningState, gain: InformationGain) -> tuple[int, Float[np.ndarray, 2]] | None:
-        """The vertex beside a passage worth a look, and the place behind it [m]; None without such a passage.
+    def _find(
+        self, state: PlanningState, gain: InformationGain
+    ) -> tuple[int, Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+        """The vertex from which to approach a passage worth a look, where to look from, and the place behind it [m].
+
+        None without such a passage.
 
         What is expected behind it, discounted by the way, is at least ``door_share`` of the best that is expected of
         places that a path leads to.
@@ -74,13 +87,23 @@ class NarrowDoors:
         if value_m2.max() <= least_m2:
             return None
         good = np.flatnonzero(value_m2 >= _ABOUT_AS_GOOD * value_m2.max())
-        nearest = good[apart_m[good].argmin()]
-        return int(vertex[nearest]), beyond_m[nearest]
+        vertex, beyond_m, apart_m = vertex[good], beyond_m[good], apart_m[good]
+        start_m, share = state.graph.vertex_xy_m[vertex], np.arange(1, _PARTS) / _PARTS
+        ends_m = start_m[:, None] + share[:, None] * (beyond_m - start_m)[:, None]
+        starts_m = np.broadcast_to(start_m[:, None], ends_m.shape)
+        clear = segments_clear(
+            state.topdown, starts_m.reshape(-1, 2), ends_m.reshape(-1, 2), state.paths.safe_m, state.pose
+        )
+        driven_m = apart_m * clear.reshape(len(good), -1).sum(axis=1) / _PARTS
+        best = int((apart_m - driven_m + _WAY_SHARE * state.paths.distance_m[vertex]).argmin())
+        driven = max(driven_m[best] - _STAND_OFF_M, 0.0) / apart_m[best]
+        return int(vertex[best]), start_m[best] + driven * (beyond_m - start_m)[best], beyond_m[best]
 
-    def _look(self, state: PlanningState, vertex: int, beyond_m: Float[np.ndarray, 2]) -> Plan:
-        """The plan that looks at a passage from a vertex beside it."""
-        beside_m = state.graph.vertex_xy_m[vertex]
-        middle_m = (beside_m + beyond_m) / 2
+    def _look(
+        self, state: PlanningState, vertex: int, beside_m: Float[np.ndarray, 2], beyond_m: Float[np.ndarray, 2]
+    ) -> Plan:
+        """The plan that looks at a passage from before it."""
+        middle_m = (state.graph.vertex_xy_m[vertex] + beyond_m) / 2
         again = self._num_looks(middle_m) > 0
         self._looked_at_m.append(middle_m)
         x, y = beyond_m - beside_m
@@ -89,7 +112,10 @@ class NarrowDoors:
         reason = (
             f"a look {'beside' if again else 'through'} the narrow passage to ({beyond_m[0]:.1f}, {beyond_m[1]:.1f})"
         )
-        return state.plan(reason, path_xy_m=state.paths.path_to(vertex), headings_rad=headings)
+        paths = state.paths
+        path_xy_m = np.vstack((paths.path_to(vertex), beside_m))
+        path_xy_m = shortcut_path(path_xy_m, state.topdown, paths.safe_m, state.pose)
+        return state.plan(reason, path_xy_m=path_xy_m, headings_rad=headings)
 
     def _num_looks(self, middle_m: Float[np.ndarray, 2]) -> int:
         return sum(math.dist(middle_m, seen) < _SAME_M for seen in self._looked_at_m)
