@@ -165,6 +165,12 @@ class DepthOccupancy:
         """
         return self._moved.settle(self.voxels, self._num_frames)
 
+    def is_pretended(self, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """Whether the states of voxels, by their indices into the raveled grid, are for now others than depth says:
+        what is held is occupied, what is doubted is free.
+        """
+        return self._moved.is_pretended(self.voxels, indices)
+
     def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
         """The pixels of a frame that show something that was not there before; None for none."""
         if not self.voxels.state.size:

@@ -14,6 +14,9 @@ hit stays free or unknown, because a field extrapolates any sign it likes there.
 Where single pixels of the sensor stray (:class:`~anm_mj.mapping.depth_noise.Strays`), no distance is too far for a hit
 of few pixels: the field decides on those at any depth.
 
+What moves is held for an obstacle without any hit, and surface is doubted against its hits
+(:mod:`anm_mj.mapping.moved_pixels`): whatever the sensor is like, the field does not decide on either.
+
 A block in view changes with every frame, but most of its voxels only because the field has learnt a little more. Where
 depth and field agreed so far, the field is therefore asked in every third reading of a block alone, the blocks in turn.
 """
@@ -143,6 +146,8 @@ class FieldOccupancy:
         """
         has_hits = self._by_depth.voxels.block_stamp[tuple(places.T)] > 0
         voxels = voxels_to_read(depth_grid.state, places[has_hits], None if whole else self._state)
+        # The field has learnt nothing of what is held, and what is doubted with the rest.
+        voxels = voxels[~self._by_depth.is_pretended(voxels)]
         points_m = voxel_centres(voxels, depth_grid.state.shape, self._corner, depth_grid.resolution_m)
         noise_per_m = np.float32(NOISE_REACH * self._noise_per_m)
         rule = DoubtRule(

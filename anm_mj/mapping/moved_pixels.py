@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float, Int64, UInt8
+from jaxtyping import Bool, Float, Int8, Int64, UInt8
 from scipy import ndimage
 
 from anm_mj.mapping.depth_noise import EXACT_PER_M
@@ -165,14 +165,24 @@ class MovedVoxels:
     def settle(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take for surface again what was doubted and not seen since, and what is held for free space; whether any."""
         released = self.release(voxels, frame)
-        places, log_odds = self._doubted
-        inside, (layer, row, col) = voxels.cells_of(places)
-        unseen = (voxels.log_odds[layer, row, col] == _LIFTED) & (voxels.state[layer, row, col] == FREE)
-        layer, row, col = layer[unseen], row[unseen], col[unseen]
-        voxels.log_odds[layer, row, col] = log_odds[inside][unseen]
+        (layer, row, col), log_odds = self._unseen(voxels)
+        voxels.log_odds[layer, row, col] = log_odds
         voxels.state[layer, row, col] = OCCUPIED
         voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
-        return released or bool(unseen.any())
+        return released or bool(len(log_odds))
+
+    def is_pretended(self, voxels: VoxelArrays, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """Whether voxels, by their indices into the raveled grid, are held, or doubted and not seen since."""
+        held = (voxels.state.reshape(-1)[indices] == OCCUPIED) & (voxels.log_odds.reshape(-1)[indices] < 0)
+        cells, log_odds = self._unseen(voxels)
+        return held | np.isin(indices, np.ravel_multi_index(cells, voxels.state.shape)) if len(log_odds) else held
+
+    def _unseen(self, voxels: VoxelArrays) -> tuple[tuple[np.ndarray, ...], Int8[np.ndarray, " n"]]:
+        """Array indices of what was doubted and not seen since, and the log-odds it had."""
+        places, log_odds = self._doubted
+        inside, cells = voxels.cells_of(places)
+        unseen = (voxels.log_odds[cells] == _LIFTED) & (voxels.state[cells] == FREE)
+        return tuple(axis[unseen] for axis in cells), log_odds[inside][unseen]
 
     @staticmethod
     def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:

@@ -285,3 +285,48 @@ def test_readers_notice_what_is_held_and_released_where_nobody_looks():
     assert read() == OCCUPIED
     assert grid.release_moved()
     assert read() == FREE
+
+
+SENSORS = {
+    "exact": (np.array([0.0, 8.0, 8.0]), np.zeros(2)),
+    "noise": (np.array([0.08, 8.0, 8.0]), np.zeros(2)),
+    "strays": (np.array([0.0, 8.0, 8.0]), np.array([100.0, 50.0])),
+}
+"""What is known of a sensor: noise, as :class:`NoiseMean` keeps it, and strays, as :class:`Strays` does."""
+
+
+def hold_beside_surface(grid: DepthOccupancy) -> None:
+    fuse(grid, view(slice(20, 36)), 5)
+    grid.hold_moved(np.array([[1.0, 0.4, 0.2]]))
+
+
+def doubt_beside_surface(grid: DepthOccupancy) -> None:
+    """Of a thing that many frames show, one frame shows more, and nobody looks there again."""
+    fuse(grid, view(slice(20, 45)))
+    seen, other = behind_curtain(view(slice(20, 42))), behind_curtain(view(slice(60, 76)))
+    seen.depth_m[:, 42:50] = other.depth_m[:, 42:50] = 0.6
+    other.depth_m[30:80, 20:42] = THING_M
+    seen.depth_m[30:80, 38:42] = other.depth_m[30:80, 38:42] = THING_M
+    fuse(grid, seen, 6)
+    assert (fuse(grid, other).pixel_state == PixelState.MOVED).any()
+    assert grid.doubt_moved()
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize(
+    ("pretend", "sdf_m", "state"), [(hold_beside_surface, 0.1, OCCUPIED), (doubt_beside_surface, -0.01, FREE)]
+)
+def test_the_field_decides_neither_on_what_is_held_nor_on_what_is_doubted(sensor, pretend, sdf_m, state):
+    """It says the opposite of both, beside surface, where it is asked."""
+    grid = new_grid()
+    pretend(grid)
+    noise, strays = SENSORS[sensor]
+    grid.noise.set_array(noise)
+    grid.strays.set_array(strays)
+    by_depth = grid.voxels.state.copy()
+
+    read = FieldOccupancy(grid).grid(lambda points_m: np.full(len(points_m), sdf_m, np.float32))
+    pretended = np.flatnonzero(grid.is_pretended(np.arange(by_depth.size)))
+    assert len(pretended) > 20
+    assert (by_depth.reshape(-1)[pretended] == state).all()
+    assert (read.state.reshape(-1)[pretended] == state).all()
