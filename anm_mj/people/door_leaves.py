@@ -108,9 +108,16 @@ class DoorLeaves:
         return min((float(self._gaps_m(one, body)[0]) for one in range(len(self))), default=math.inf)
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], radius_m: float) -> bool:
-        """Whether a body would touch a leaf at the end of a step, and come nearer to it by the step."""
-        after_m = self.gap_m(end_m, radius_m)
-        return after_m < 0.0 and after_m < self.gap_m(start_m, radius_m) - 1e-6
+        """Whether a body would touch a leaf anywhere on a straight line, and come nearer to it by that."""
+        tips_m = self.hinge_m + self.length_m[:, None] * np.column_stack([np.cos(self.yaw_rad), np.sin(self.yaw_rad)])
+        leaf_m = self.hinge_m, tips_m
+        now_m = _from_line(start_m, *leaf_m)
+        ends_m = _from_line(end_m, *leaf_m), *(_from_line(xy_m, start_m, end_m) for xy_m in leaf_m)
+        is_crossed = (_side(start_m, *leaf_m) * _side(end_m, *leaf_m) < 0.0) & (
+            _side(self.hinge_m, start_m, end_m) * _side(tips_m, start_m, end_m) < 0.0
+        )
+        nearest_m = np.where(is_crossed, 0.0, np.minimum.reduce([now_m, *ends_m]))
+        return bool(((nearest_m < radius_m + LEAF.radius_m) & (nearest_m < now_m - 1e-6)).any())
 
     def _opened(self, one: int, ways_m: list[Float[np.ndarray, "k 2"]]) -> float:
         """Sign of the turn by which the first person opens a leaf whose way leads through; 0 = nobody does."""
@@ -131,6 +138,23 @@ class DoorLeaves:
         away = bodies[:, :2] - self.hinge_m[one]
         share_m = (away @ along).clip(0.0, self.length_m[one])
         return np.linalg.norm(away - share_m[:, None] * along, axis=1) - bodies[:, 2] - LEAF.radius_m
+
+
+def _from_line(
+    places_m: Float[np.ndarray, "... 2"], starts_m: Float[np.ndarray, "... 2"], ends_m: Float[np.ndarray, "... 2"]
+) -> Float[np.ndarray, "..."]:
+    """Between places and straight lines from starts to ends [m]."""
+    along, away = ends_m - starts_m, places_m - starts_m
+    share = ((away * along).sum(axis=-1) / (along**2).sum(axis=-1).clip(1e-12)).clip(0.0, 1.0)
+    return np.linalg.norm(away - share[..., None] * along, axis=-1)
+
+
+def _side(
+    places_m: Float[np.ndarray, "... 2"], starts_m: Float[np.ndarray, "... 2"], ends_m: Float[np.ndarray, "... 2"]
+) -> Float[np.ndarray, "..."]:
+    """Positive for places to the left of the lines from starts to ends, negative to the right [m2]."""
+    along, away = ends_m - starts_m, places_m - starts_m
+    return along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
 
 
 def _hinges(door: Doorway, floor: WalkingFloor) -> list[tuple[Float[np.ndarray, "2"], float, float, tuple[float, ...]]]:

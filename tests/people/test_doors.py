@@ -15,7 +15,7 @@ from anm_mj.people.people_config import PeopleConfig
 from anm_mj.people.walking_floor import BODY
 from anm_mj.sensing.pixel_state import judge_pixels, without_moved
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import OCCUPIED, Action
+from anm_mj.types import OCCUPIED, Action, Twist
 from tests.people.conftest import crowd_in, pose_at, standing_shown
 from tests.people.pictures import map_slice, save_picture
 
@@ -91,6 +91,29 @@ def test_a_shut_door_stops_the_robot_and_every_camera_sees_it(scene, door, drive
     assert results[-1].collided
     assert not results[-1].met_person
     assert -0.02 < apart_m < 0.1
+
+
+def test_one_long_drive_does_not_lead_through_a_shut_door(scene, door):
+    middle, aside = door
+    with make_robot(scene, people=PeopleConfig(number=1, doors=1), image_px=64) as robot:
+        crowd_in(robot)._stand_until_s[:] = 1e5
+        robot.place(before := pose_at(middle + 0.7 * aside, math.atan2(-aside[1], -aside[0])))
+        assert robot.drive(Twist(0.7, 0.0), 2.0).collided
+        assert robot.pose == before
+        crowd_in(robot).doors._turned_rad[:] = math.pi / 2
+        crowd_in(robot).doors._side[:] = crowd_in(robot).doors._sides[0][0]
+        assert not robot.drive(Twist(0.7, 0.0), 2.0).collided
+
+
+def test_one_long_drive_around_meets_who_stands_on_its_circle(floor, scene):
+    roomy = max(floor.places_m.tolist(), key=lambda place: floor.clearance(*place)[0])
+    with make_robot(scene, people=PeopleConfig(number=1), image_px=64) as robot:
+        crowd_in(robot)._stand_until_s[:] = 1e5
+        robot.place(before := pose_at(np.subtract(roomy, (0.0, 0.4)), 0.0))
+        for reach_m, meets in ((0.4, True), (1.0, False)):
+            crowd_in(robot).xy_m[0] = np.add(roomy, (0.0, reach_m))
+            assert robot.drive(Twist(0.4, 1.0), math.tau).collided is meets
+            assert math.dist(robot.pose.xy_m, before.xy_m) < 1e-6
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -21,6 +22,8 @@ from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist
 
 _LOOK_PERIOD_S = 0.02
+_CHORD_RAD = 0.2
+"""People and doors are looked for on straight lines with at most this turn between two."""
 
 
 class KinematicDrive(WheelDrive):
@@ -132,10 +135,14 @@ class KinematicDrive(WheelDrive):
     def _is_in_the_way(self, forward_m: float, turn_rad: float) -> bool:
         """Whether a motion from the present pose meets an obstacle or a person."""
         pose = self._base.pose
-        end_m = move_pose(pose, forward_m, turn_rad).xy_m
         if self._crowd is not None:
-            self._met_person = self._crowd.touches(pose.xy_m, end_m)
-            if self._crowd.doors.touches(pose.xy_m, end_m, self._description.footprint.radius_m):
+            # Chords of an arc; the straight line of a motion without a turn.
+            pieces = max(1, math.ceil(abs(turn_rad) / _CHORD_RAD))
+            shares = (np.arange(pieces + 1) / pieces).tolist()
+            places_m = [move_pose(pose, share * forward_m, share * turn_rad).xy_m for share in shares]
+            self._met_person = any(self._crowd.touches(*line) for line in pairwise(places_m))
+            radius_m = self._description.footprint.radius_m
+            if any(self._crowd.doors.touches(*line, radius_m) for line in pairwise(places_m)):
                 return True
         return self._met_person or self._clearance.sweep_collides(pose, forward_m, turn_rad)
 
