@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
-from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages, coarse_gray_at, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
@@ -33,7 +32,7 @@ from anm_mj.localisation.registration import (
     rotation_search,
 )
 from anm_mj.localisation.relocalisation_scores import Hypothesis, frame_score
-from anm_mj.localisation.relocaliser import Relocaliser
+from anm_mj.localisation.relocaliser import Relocaliser, possible_tilts
 from anm_mj.localisation.training_pace import TrainingPace
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_noise import inverse_depth_noise
@@ -139,7 +138,7 @@ class FieldLocaliser:
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
-        noise = self._map.occupancy.by_depth.noise.value
+        noise = self._noise_per_m
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
         static_view = observation
@@ -181,10 +180,9 @@ class FieldLocaliser:
         """Take a usable frame into the map; see the protocol."""
         effort = self._pace.next(estimate.quality.known)
         if effort.is_keyframe:
-            noise = self._map.occupancy.by_depth.noise.value
-            if not math.isfinite(noise):
-                # The map has not seen the sensor yet.
-                noise = inverse_depth_noise(estimate.observation.depth_m) or 0.0
+            # At first the map has not seen the sensor yet.
+            noise = self._noise_per_m
+            noise = noise if math.isfinite(noise) else inverse_depth_noise(estimate.observation.depth_m) or 0.0
             self._key_images.add(estimate.observation, noise)
         update = self._map.integrate(estimate.observation, effort)
         if effort.is_keyframe:
@@ -201,15 +199,13 @@ class FieldLocaliser:
         T, compared = observation.T_world_camera, self._compared
         if compared is None:
             rng, settings = np.random.default_rng([self._seed, 22]), self.config.registration
-            noise = self._map.occupancy.by_depth.noise.value
-            points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+            points = draw_points(observation, settings.num_points, self._noise_per_m, settings.range_m, rng)
             compared = self._compare(observation, self._key_images.images[-1], points, T, rng)
             assert compared is not None
         # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
         deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
-        motion = (
-            Prior(T, self._basis.T @ np.diag(deviations**2) @ self._basis, self._basis) if self._is_chained else None
-        )
+        covariance = self._basis.T @ np.diag(deviations**2) @ self._basis
+        motion = Prior(T, covariance, self._basis) if self._is_chained else None
         self._is_chained = True
         correction = self._graph.add(compared, T, motion)
         if correction is None:
@@ -235,7 +231,7 @@ class FieldLocaliser:
         images = self._key_images.overlapping(points, T_world_camera) if config.num_images else []
         if not images and not self.config.graph.is_on:
             return None
-        noise = self._map.occupancy.by_depth.noise.value
+        noise = self._noise_per_m
         image_points = draw_points(static_view, config.num_points, noise, self.config.registration.range_m, rng)
         depth_share = min(1.0, len(points) / max(1, len(image_points)))
         return FrameToImages(
@@ -248,7 +244,8 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
         by_depth = neural_map.occupancy.by_depth
-        tilts = self._possible_tilts(prior, points)
+        rng = np.random.default_rng([self._seed, 23, self._num_frames])
+        tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
         believed = finder.look(
             points, tilts, self._basis, neural_map.backend.align, self._known, by_depth, self._usual_score
         )
@@ -262,14 +259,6 @@ class FieldLocaliser:
         self._T_last_now = np.eye(4)
         self._is_chained = False
         return replace(found, relocalised=True)
-
-    def _possible_tilts(self, prior: Prior, points: FramePoints) -> list[Float[np.ndarray, "4 4"]]:
-        """Camera poses with the heights and tilts that a lost camera may have."""
-        tilts = list(self._tilts) or [prior.T_world_camera]
-        if self._basis.shape[1] == len(FREE):
-            floor = pose_above_floor(points.camera_m, np.random.default_rng([self._seed, 23, self._num_frames]))
-            tilts += [] if floor is None else [floor]
-        return tilts
 
     def _prior(self, observation: Observation) -> Prior:
         if self._T_world_camera is None:
@@ -291,6 +280,11 @@ class FieldLocaliser:
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
         return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))
+
+    @property
+    def _noise_per_m(self) -> float:
+        """Deviation of the sensor's depth, by its square [1/m]; infinite before the map has seen it."""
+        return self._map.occupancy.by_depth.noise.value
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
+from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
 from anm_mj.localisation.occupancy_agreement import agreement
 from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
@@ -199,6 +200,19 @@ class Relocaliser:
             if not any(_are_same(hypothesis.T_world_camera, other.T_world_camera) for other in kept):
                 kept.append(hypothesis)
         self.hypotheses = kept[: self.config.relocalisation.candidates]
+
+
+def possible_tilts(
+    tilts: Sequence[Float[np.ndarray, "4 4"]],
+    points: FramePoints,
+    basis: Float[np.ndarray, "6 k"],
+    rng: np.random.Generator,
+) -> list[Float[np.ndarray, "4 4"]]:
+    """Camera poses with the heights and tilts that a lost camera may have: usual ones, and what the floor tells of a
+    camera that moves freely.
+    """
+    floor = pose_above_floor(points.camera_m, rng) if basis.shape[1] == len(basis) else None
+    return [*tilts] if floor is None else [*tilts, floor]
 
 
 def _fields(points: FramePoints) -> tuple[np.ndarray, ...]:
