@@ -25,6 +25,8 @@ _CELL_M = 0.15
 """Points in neighbouring cells of this edge belong to one thing [m]."""
 _LOW_M, _HIGH_M = 0.05, 2.2
 """Heights that count [m]."""
+_LOW_SIGHTS = 3
+"""A thing is low that looks so in so many frames in a row."""
 _NEAR_M = 0.5
 """What the camera looks over at this distance is low [m]."""
 _LEAST_POINTS, _FOCAL_PX = 4, 64.0
@@ -44,10 +46,15 @@ class MovingThing:
     radius_m: float
     seen_s: float
     """When it was seen last [s]."""
-    is_low: bool = False
-    """Whether the camera looks over it where it is near."""
+    low_sights: int = 0
+    """Frames in a row in which the camera would have looked over what it saw of it, were it near."""
     fastest_mps: float = 0.0
     """Its largest speed so far."""
+
+    @property
+    def is_low(self) -> bool:
+        """Whether the camera looks over it where it is near: one frame may show no more of a person than the feet."""
+        return self.low_sights >= _LOW_SIGHTS
 
     @property
     def stands(self) -> bool:
@@ -78,7 +85,7 @@ class MovingThings:
         self.things = []
         sight_m = _sight_height_m(observation)
         for x_m, y_m, radius_m, top_m in _clusters(observation) if observation.moved_m is not None else []:
-            velocity, fastest, before = (0.0, 0.0), 0.0, _nearest(known, x_m, y_m, now_s)
+            velocity, fastest, low_sights, before = (0.0, 0.0), 0.0, 0, _nearest(known, x_m, y_m, now_s)
             if before is not None:
                 known.remove(before)
                 passed_s = max(now_s - before.seen_s, 1e-3)
@@ -86,8 +93,9 @@ class MovingThings:
                 vx, vy = (0.5 * (new + old) for new, old in zip(found, before.velocity_mps, strict=True))
                 share = min(1.0, FASTEST_MPS / max(math.hypot(vx, vy), 1e-9))
                 velocity = vx * share, vy * share
-                fastest = max(before.fastest_mps, math.hypot(*velocity))
-            self.things.append(MovingThing(x_m, y_m, velocity, radius_m, now_s, top_m < sight_m, fastest))
+                fastest, low_sights = max(before.fastest_mps, math.hypot(*velocity)), before.low_sights
+            low_sights = low_sights + 1 if top_m < sight_m else 0
+            self.things.append(MovingThing(x_m, y_m, velocity, radius_m, now_s, low_sights, fastest))
         self.things += known
 
 

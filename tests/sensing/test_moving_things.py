@@ -119,17 +119,25 @@ def seen_from(x_m: float, time_s: float, *, low: bool | None = None):
 )
 def test_what_the_camera_looks_over_is_remembered_until_its_place_is_seen(low, x_m, time_s, remembered):
     things = MovingThings()
-    things.update(seen_from(0.0, 0.0, low=low))
+    for before_s in (0.6, 0.3, 0.0):
+        things.update(seen_from(0.0, -before_s, low=low))
     assert [thing.is_low for thing in things.things] == [low]
 
     things.update(seen_from(x_m, time_s))
     assert len(things.things) == remembered
 
 
+def test_feet_alone_are_no_low_thing():
+    things = MovingThings()
+    for number, low in enumerate((True, True, False, True, True)):
+        things.update(seen_from(0.0, 0.3 * number, low=low))
+        assert [thing.is_low for thing in things.things] == [False]
+
+
 def test_a_low_thing_out_of_sight_needs_more_room_the_longer_it_is_hidden():
-    low = MovingThing(1.0, 0.0, (0.0, 0.0), 0.2, 0.0, is_low=True, fastest_mps=0.3)
+    low = MovingThing(1.0, 0.0, (0.0, 0.0), 0.2, 0.0, low_sights=3, fastest_mps=0.3)
 
     assert [low.spread_m(time_s) for time_s in (0.0, 0.5, 5.0)] == pytest.approx([0.0, 0.15, 0.3])
-    assert replace(low, is_low=False).spread_m(5.0) == 0.0
+    assert replace(low, low_sights=2).spread_m(5.0) == 0.0
     assert in_the_way([low], BODY, Pose2(0.3, 0.0, 0.0), 0.0) is None
     assert in_the_way([low], BODY, Pose2(0.3, 0.0, 0.0), 5.0) is low
