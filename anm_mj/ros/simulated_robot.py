@@ -118,7 +118,8 @@ class SimulatedRosRobot:
         T_base_camera = np.linalg.inv(pose_matrix(first.pose)) @ first.T_world_camera
         self._to[TF_STATIC].publish(self._node.messages.transforms(0.0, [(BASE, CAMERA, T_base_camera)]))
         contacts = images = skipped = 0
-        touched, next_image_s, start_s = False, 0.0, robot.data.time
+        # A camera whose images come late has taken none before the beginning.
+        touched, next_image_s, start_s = False, first.image_age_s, robot.data.time
         while robot.data.time - start_s < duration_s and not until():
             self._now = self._limited()
             motion = robot.drive(self._now, PERIOD_S)

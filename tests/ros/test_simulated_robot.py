@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import ConfigError
+from anm_mj.io.ros_messages import seconds
 from anm_mj.ros import names
 from anm_mj.ros.node import LATCHED, STATE, Node
 from anm_mj.ros.simulated_robot import SimulatedRosRobot
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Pose2
 from tests.ros.conftest import wait_until
 
@@ -139,3 +141,15 @@ def test_an_obstacle_stops_it_and_counts_once(node: Node, served):
 def test_rates_without_meaning_are_refused(robot, node: Node, options, said):
     with pytest.raises(ConfigError, match=said):
         SimulatedRosRobot(robot, node, **options)
+
+
+def test_no_image_is_stamped_before_the_beginning(node: Node, other: Node):
+    stamps, late_s = [], 0.1
+    node.subscribe(names.DEPTH, names.IMAGE, lambda message, _: stamps.append(seconds(message.header.stamp)), STATE)
+    sensor = SensorConfig(delay_s=late_s)
+    with make_robot(
+        load_scene("room"), start=START, knows_start=False, pose="odometry", image_px=32, sensor=sensor
+    ) as late:
+        done = SimulatedRosRobot(late, other, image_hz=20.0, rate=0.5).serve(lambda: len(stamps) > 2, 20.0)
+    assert done.images > 2
+    assert min(stamps) >= 0.0
