@@ -178,3 +178,8 @@ def test_what_no_camera_does_is_refused():
         SensorConfig(delay_s=7.0)
     with pytest.raises(RobotError, match=r"stamp_error_s is 0\.7; .*at most 0\.5"):
         SensorConfig(stamp_error_s=0.7)
+    with pytest.raises(
+        RobotError, match=r"stamp_error_s is 0\.05 s and sensor\.delay_s 0\.02 s; .* give a delay_s as long"
+    ):
+        SensorConfig(delay_s=0.02, stamp_error_s=0.05)
+    SensorConfig(delay_s=0.02, stamp_error_s=0.02)

@@ -64,7 +64,8 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     """Images arrive so long after they were taken [s]: each shows the world as it was that long before the pose that it
     comes with. Its stamp says when that was, and wheel odometry how the robot has moved since."""
     stamp_error_s: float = setting(0.0, at_least=-0.5, at_most=0.5)
-    """The stamp of an image is later than when it was taken by this [s]: what calibration leaves, milliseconds."""
+    """The stamp of an image is later than when it was taken by this, at most by ``delay_s`` [s]: what calibration
+    leaves, milliseconds."""
     odometry_alpha: tuple[float, float, float, float] = _from_zero((0.0, 0.0, 0.0, 0.0))
     """Noise of wheel odometry: variance of a rotation from rotation [rad^2/rad^2] and from translation [rad^2/m^2], of
     a translation from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox,
@@ -92,6 +93,11 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
             raise RobotError(
                 f"sensor.max_range_m is {self.max_range_m:g} m and sensor.min_range_m {self.min_range_m:g} m; "
                 "the range must end beyond where it begins."
+            )
+        if self.stamp_error_s > self.delay_s:
+            raise RobotError(
+                f"sensor.stamp_error_s is {self.stamp_error_s:g} s and sensor.delay_s {self.delay_s:g} s; no image "
+                "arrives before its stamp: give a delay_s as long as stamp_error_s, or longer."
             )
 
     @property
