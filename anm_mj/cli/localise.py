@@ -56,7 +56,7 @@ def localise(
         distortion: of the lens in the order of OpenCV, as fisheye,K1,K2,K3,K4, or none; by default as the files say
         topics: topic of a bag for colour, depth or camera, where several fit; may be repeated
         every: read every Nth image only
-        settings: any setting of localisation, as in localisation.relocalisation.least_score=0.7; may be repeated
+        settings: any setting of localisation, as in localisation.relocalisation.least_score=0.8; may be repeated
         **options: fields of ``RunConfig``
     """
     from anm_mj.cli.console import PlainConsole, progress_bar

@@ -44,7 +44,7 @@ class AheadCamera(Camera):
     """Renders with another camera, in one thread that does nothing else."""
 
     def __init__(self, make: Callable[[], Camera]) -> None:
-        """Make the camera by ``make``, in its thread: a GL context belongs to one. Raises RenderError of ``make``."""
+        """Make the camera by ``make``, in its thread: a GL context belongs to one. Raises what ``make`` raises."""
         self._thread = ThreadPoolExecutor(1, "camera")
         try:
             self._camera = self._thread.submit(make).result()

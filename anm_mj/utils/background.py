@@ -22,7 +22,7 @@ class Background:
         self._error: BaseException | None = None
 
     def submit(self, task: Callable[[], object]) -> None:
-        """Have a task done after all others. Raises BaseException if what an earlier task raised."""
+        """Have a task done after all others. Raises BaseException: what an earlier task raised."""
         self._raise()
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
@@ -30,7 +30,7 @@ class Background:
         self._tasks.put(task)
 
     def flush(self) -> None:
-        """Wait until all tasks are done. Raises BaseException if what a task raised."""
+        """Wait until all tasks are done. Raises BaseException: what a task raised."""
         self._tasks.join()
         self._raise()
 
