@@ -88,7 +88,8 @@ class NoiseMean:
 class Strays:
     """Whether a sensor's images hold pixels that lie where nothing is: speckle, or edges that fly.
 
-    Such a pixel is off by any amount, which no standard deviation tells. It shows where space is known to be free.
+    Such a pixel is off by any amount, which no standard deviation tells. It shows where space is known to be free, and
+    by lying there alone: a wrong pose puts whole surfaces there.
     """
 
     def __init__(self) -> None:
@@ -101,7 +102,7 @@ class Strays:
         return self._num_straying > _USUAL_FRAMES + _USUAL_SHARE * self._num_images
 
     def add(self, strays: bool) -> None:
-        """Take in one image, by whether a pixel of it lies in space that was surely free before."""
+        """Take in one image, by whether a pixel of it lies alone in space that was surely free before."""
         self._num_images += 1
         self._num_straying += strays
 

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
+from scipy.spatial import KDTree
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
@@ -42,6 +43,8 @@ MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
 _SURE_MISSES, _STRAY_RANGE_M = 10, 3.5
 """A pixel up to this depth [m] strays where so many frames more looked through its voxel than hit it: farther ones may
 lie in a voxel beside theirs by noise that is no stray's."""
+_ALONE_VOXELS = 3
+"""A pixel is single if no other one of its image hits a voxel within so many along every axis."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
@@ -267,9 +270,18 @@ class DepthOccupancy:
         self.voxels = self.voxels._replace(log_odds=log_odds)
 
     def _is_straying(self, places: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> bool:
-        """Whether any of the voxels that pixels hit, from near enough to tell, was surely free before."""
-        _, cells = self.voxels.cells_of(places[depth_m < _STRAY_RANGE_M])
-        return bool((self.voxels.log_odds[cells] <= -_SURE_MISSES * self.config.miss).any())
+        """Whether a single pixel, from near enough to tell, hit a voxel that was surely free before.
+
+        Surface is hit by many pixels side by side. Where such are in free space, the pose is wrong, or something moved.
+        """
+        near = places[depth_m < _STRAY_RANGE_M]
+        inside, cells = self.voxels.cells_of(near)
+        doubted = near[inside][self.voxels.log_odds[cells] <= -_SURE_MISSES * self.config.miss]
+        if not len(doubted):
+            return False
+        # Each finds itself first.
+        away, _ = KDTree(places).query(doubted, k=2, p=math.inf, distance_upper_bound=_ALONE_VOXELS + 0.5)
+        return bool(np.isinf(np.asarray(away)[:, 1]).any())
 
     def _view(
         self, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]

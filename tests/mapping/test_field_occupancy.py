@@ -137,6 +137,23 @@ def test_exact_images_hold_no_pixel_that_strays(room):
     assert not fuse(DepthOccupancy(OccupancyConfig()), looks).strays.are_known
 
 
+def test_poses_that_drift_let_no_pixel_stray(room):
+    occupancy, num_in_free_space = DepthOccupancy(OccupancyConfig()), 0
+    looks = [seen for _ in range(6) for seen in room.turn(1.5, 1.5, 12, size=128)]
+    for number, seen in enumerate(looks):
+        drift = np.eye(4)
+        drift[:2, 3] = 0.006 * number, -0.004 * number
+        before = occupancy.voxels
+        free = before.log_odds <= -10 * occupancy.config.miss
+        num_hits = before.num_hits.copy()
+        fuse(occupancy, [replace(seen, T_world_camera=drift @ seen.T_world_camera)])
+        if occupancy.voxels.num_hits.shape == num_hits.shape:
+            num_in_free_space += bool((free & (occupancy.voxels.num_hits > num_hits)).any())
+    # Surface that the drift has carried into space known as free.
+    assert num_in_free_space > 0.2 * len(looks)
+    assert not occupancy.strays.are_known
+
+
 def test_a_map_of_an_older_version_knows_of_no_strays(exact):
     arrays = exact.arrays()
     exact.strays.set_array(np.array([100.0, 50.0]))
