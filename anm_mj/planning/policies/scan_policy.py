@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, ExploredState, Observation, Pose2
+from anm_mj.types import FORWARD_STEP_M, Action, ExploredState, Observation, Pose2
 
 
 class ScanPolicy:
@@ -22,8 +23,8 @@ class ScanPolicy:
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._slack_m = RESOLUTION_M / 2
         """A cell is passable if any point of it may keep the clearance [m]; vertices of a graph lie anywhere, too."""
-        self._driven_m = np.zeros((0, 2))
-        """Where the base was: the robot can go back the way it came, whatever was marked beside it since [m]."""
+        self._driven: list[tuple[float, float]] = []
+        """Where the base was, x and y [m]."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """The grid."""
@@ -36,17 +37,25 @@ class ScanPolicy:
             self.grid.continue_from(log_odds, origin)
         else:
             self.grid.read_occupancy(mapper.occupancy_grid(), prior.poses)
-        self._driven_m = np.asarray(prior.poses, float)[:, :2]
+        self._driven = [(float(x), float(y)) for x, y, _ in prior.poses]
         for x, y, yaw in prior.collisions:
             self.grid.block_ahead(Pose2(x, y, yaw))
 
     def observe(self, observation: Observation) -> None:
         """Take a scan into the grid."""
         self.grid.integrate(observation)
-        here_m, last_m = observation.pose.xy_m, self._driven_m[-1:]
-        # A step is longer than a cell.
-        if not len(last_m) or math.dist(here_m, last_m[0]) > RESOLUTION_M / 2:
-            self._driven_m = np.vstack([self._driven_m, (last_m + here_m) / 2, here_m])
+        (x_m, y_m), last_m = observation.pose.xy_m, self._driven[-1] if self._driven else (math.inf, math.inf)
+        moved_m = math.dist((x_m, y_m), last_m)
+        if moved_m > RESOLUTION_M / 2:
+            # A step is longer than a cell; farther apart lie poses that the base did not drive between.
+            if moved_m < 2.0 * FORWARD_STEP_M:
+                self._driven.append(((x_m + last_m[0]) / 2, (y_m + last_m[1]) / 2))
+            self._driven.append((x_m, y_m))
+
+    @property
+    def _driven_m(self) -> Float[np.ndarray, "n 2"]:
+        """Where the base was: the robot can go back the way it came, whatever was marked beside it since [m]."""
+        return np.array(self._driven).reshape(-1, 2)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle, which the scans did not show, into the grid."""
