@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, cast
 
 from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
@@ -12,6 +12,7 @@ from anm_mj.errors import ConfigError, RobotError, TaskError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.robot_presets import preset_config
 from anm_mj.sim.reality import IDEAL, reality_of
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import FORWARD_STEP_M
@@ -36,17 +37,18 @@ class EnvironmentConfig:
     reality: str = IDEAL
     """``ideal``, or ``real``: physics, a stereo camera whose images are late, odometry that drifts, three people.
     Options beside it go before it. Nothing localises the robot here, so that its pose is that of odometry."""
-    drive: str = SimulationConfig.drive
-    """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact)."""
-    pose: str = SimulationConfig.pose
-    """What the observed pose is: ``true``, or by wheel ``odometry``."""
+    drive: str = cast(str, None)
+    """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact); None = that of the reality."""
+    pose: str = cast(str, None)
+    """What the observed pose is: ``true``, or by wheel ``odometry``; None = that of the reality."""
     image_px: int = 128
     """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
     pixels cover slightly less."""
-    sensor: str = "exact"
-    """Name of the sensor whose errors the observations have; the reward counts what it truly saw."""
-    people: int = 0
-    """Number of people who walk through the scene; surface that they hide is not seen."""
+    sensor: str = cast(str, None)
+    """Name of the sensor whose errors the observations have; the reward counts what it truly saw. None = that of the
+    reality."""
+    people: int = cast(int, None)
+    """Number of people who walk through the scene; surface that they hide is not seen. None = that of the reality."""
     topdown: bool = False
     """Whether the observation includes an occupancy map around the robot."""
     distance: bool = False
@@ -62,7 +64,15 @@ class EnvironmentConfig:
     ``information`` that the occupancy grid gains [bits]."""
 
     def __post_init__(self) -> None:
-        """Check the values. Raises TaskError for an unknown drive, pose or sensor, or a number out of range."""
+        """Fill in what the reality says of the options that are not given, and check the values. Raises TaskError for
+        an unknown reality, drive, pose or sensor, or a number out of range.
+        """
+        try:
+            for name, value in _options_of(self.reality).items():
+                if getattr(self, name) is None:
+                    object.__setattr__(self, name, value)
+        except ConfigError as err:
+            raise TaskError(str(err)) from err
         if self.num_steps is not None and not 1 <= self.num_steps <= self.max_steps:
             raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {self.max_steps} steps.")
         if self.actions not in ACTION_SETS:
@@ -108,15 +118,17 @@ def explore_config(**options: Any) -> EnvironmentConfig:
         raise TaskError(f'The task has no option "{unknown[0]}"; it has {", ".join(known)}.')
     if options.get("start") is not None:
         require_start(options["start"])
-    try:
-        world = reality_of(options.get("reality", IDEAL))
-    except ConfigError as err:
-        raise TaskError(str(err)) from err
-    people = world.settings.get("people", {})
-    preset = {**world.options, "people": people.get("number", EnvironmentConfig.people)}
-    if preset.get("pose") == "slam":
-        preset["pose"] = "odometry"
-    return EnvironmentConfig(**{**preset, **options})
+    return EnvironmentConfig(**options)
+
+
+def _options_of(reality: str) -> dict[str, Any]:
+    """What a reality says of drive, pose, sensor and people. Raises ConfigError if there is none of the name."""
+    world = reality_of(reality)
+    number = world.settings.get("people", {}).get("number", PeopleConfig.number)
+    usual = {"drive": SimulationConfig.drive, "pose": SimulationConfig.pose, "sensor": SensorConfig.name}
+    found = {**usual, **world.options, "people": number}
+    # Nothing localises the robot here.
+    return {**found, "pose": "odometry"} if found["pose"] == "slam" else found
 
 
 def require_start(start: Any) -> None:

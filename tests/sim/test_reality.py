@@ -3,7 +3,7 @@
 import pytest
 
 from anm_mj.config import make_config, read_config
-from anm_mj.environments.environment_config import explore_config
+from anm_mj.environments.environment_config import EnvironmentConfig, explore_config
 from anm_mj.errors import ConfigError, TaskError
 from anm_mj.io.to_json import to_json
 from anm_mj.sim.reality import REALITIES
@@ -49,5 +49,11 @@ def test_environments_are_real_too_and_know_their_pose_by_odometry():
     made = config.simulation
     assert (made.sensor.delay_s, made.model.wheel_noise, made.people.number) == (0.1, 0.02, 1)
     assert explore_config() == explore_config(reality="ideal")
+    assert EnvironmentConfig(reality="real") == explore_config(reality="real")
+    assert EnvironmentConfig(reality="real").people == 3
+    plain = EnvironmentConfig()
+    assert (plain.drive, plain.pose, plain.sensor, plain.people) == ("kinematic", "true", "exact", 0)
+    with pytest.raises(TaskError, match="no reality 'rael'"):
+        EnvironmentConfig(reality="rael")
     with pytest.raises(TaskError, match='no pose "slam" here'):
         explore_config(pose="slam")
