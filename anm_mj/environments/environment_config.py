@@ -37,17 +37,17 @@ class EnvironmentConfig:
     reality: str = IDEAL
     """``ideal``, or ``real``: physics, a stereo camera whose images are late, odometry that drifts, three people.
     Options beside it go before it. Nothing localises the robot here, so that its pose is that of odometry."""
-    drive: str = cast(str, None)
+    drive: str = dataclasses.field(default=cast(str, None))
     """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact); None = that of the reality."""
-    pose: str = cast(str, None)
+    pose: str = dataclasses.field(default=cast(str, None))
     """What the observed pose is: ``true``, or by wheel ``odometry``; None = that of the reality."""
     image_px: int = 128
     """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
     pixels cover slightly less."""
-    sensor: str = cast(str, None)
+    sensor: str = dataclasses.field(default=cast(str, None))
     """Name of the sensor whose errors the observations have; the reward counts what it truly saw. None = that of the
     reality."""
-    people: int = cast(int, None)
+    people: int = dataclasses.field(default=cast(int, None))
     """Number of people who walk through the scene; surface that they hide is not seen. None = that of the reality."""
     topdown: bool = False
     """Whether the observation includes an occupancy map around the robot."""
