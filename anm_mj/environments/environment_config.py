@@ -38,7 +38,8 @@ class EnvironmentConfig:
     """``ideal``, or ``real``: physics, a stereo camera whose images are late, odometry that drifts, three people.
     Options beside it go before it. Nothing localises the robot here, so that its pose is that of odometry."""
     drive: str = dataclasses.field(default=cast(str, None))
-    """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact); None = that of the reality."""
+    """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact); None = that of the
+    reality."""
     pose: str = dataclasses.field(default=cast(str, None))
     """What the observed pose is: ``true``, or by wheel ``odometry``; None = that of the reality."""
     image_px: int = 128
