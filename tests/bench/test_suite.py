@@ -53,6 +53,8 @@ def test_the_real_world_is_tried_in_the_buildings_that_judge(cache):
     changed = [{name for name in world.options if getattr(one, name) != getattr(ideal, name)} for one in others]
     assert sorted(name for names in changed for name in names) == sorted(world.options)
     assert sorted(text for one in others for text in one.settings) == sorted(world.texts)
+    # Each mesh is compared with that of the ideal run.
+    assert all(sweep.maps or sweep.policies == ["gvg"] for sweep in sweeps)
 
 
 def test_scenes_of_others_say_where_they_come_from():
