@@ -23,7 +23,7 @@ from anm_mj.evaluation.reference_trajectory import reference_error
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.manifest import RunFacts, manifest
-from anm_mj.io.mesh_file import write_mesh
+from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
@@ -51,7 +51,6 @@ from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
 
-MESH_RESOLUTION_M = 0.05
 RECORDED = "recorded"
 """Stands in the manifest for what a recorded sequence has not: a policy, a robot, a renderer."""
 

@@ -25,8 +25,8 @@ import numpy as np
 import tyro
 
 from anm_mj.api import explore_scene
+from anm_mj.viz.live_view_server import PageServer
 from anm_mj.viz.meshcat_viewer import MeshcatViewer
-from anm_mj.viz.page_server import PageServer
 
 FLOOD = """
 import socket, sys, time

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+MESH_RESOLUTION_M = 0.05
+"""Grid that the mesh of a run is made on [m] (the paper's released code)."""
 GREY = 102
 """Colour of a surface whose file holds none, each of red, green and blue."""
 

@@ -22,7 +22,7 @@ from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics
 from anm_mj.events import Ended
 from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored
-from anm_mj.io.mesh_file import write_mesh
+from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.run_title import titled
@@ -36,9 +36,6 @@ from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
     import trimesh
-
-MESH_RESOLUTION_M = 0.05
-"""Grid of the final mesh [m] (the paper's released code)."""
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""Colour and depth of a live robot, paired by their stamps, and what of the depth lies in the robot's way."""
+"""Colour and depth of a live robot, paired by their stamps."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float32, UInt8
 
-from anm_mj.frames import pixel_directions
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.ros_messages import seconds
@@ -25,10 +24,6 @@ _KEPT = 12
 """Images of a kind that wait for the other kind."""
 _ALONE = 15
 """After so many depth images in a row without a colour image, the stamps do not meet."""
-_POINTS = 5000
-"""About so many pixels are looked at for obstacles."""
-_FEWEST = 4
-"""Fewer points are noise rather than an obstacle."""
 
 
 @dataclass(frozen=True)
@@ -177,23 +172,3 @@ class RgbdIntake:
             self._news.notify_all()
         self._health.hear(self.sources[2], time_s)
         self.on_depth(time_s, depth_m, camera, frame)
-
-
-def free_way_m(
-    depth_m: Float32[np.ndarray, "h w"],
-    camera: Intrinsics,
-    T_base_camera: Float[np.ndarray, "4 4"],
-    half_width_m: float,
-    heights_m: tuple[float, float],
-) -> float:
-    """How far ahead of its axis a robot's way is free, by raw depth [m]; +inf where nothing is seen in it. Depth is
-    planar; ``half_width_m`` is that of the way, ``heights_m`` are the lower and the upper end of what meets the robot.
-    """
-    every = max(1, round(math.sqrt(depth_m.size / _POINTS)))
-    depth = depth_m[::every, ::every].astype(float)
-    there = np.isfinite(depth)
-    points = pixel_directions(camera)[::every, ::every][there] * depth[there][:, None]
-    x, y, z = T_base_camera[:3, :3] @ points.T + T_base_camera[:3, 3:]
-    low, high = heights_m
-    ahead = np.sort(x[(np.abs(y) < half_width_m) & (z > low) & (z < high) & (x > 0.0)])
-    return float(ahead[_FEWEST - 1]) if len(ahead) >= _FEWEST else math.inf

@@ -26,6 +26,7 @@ from anm_mj.viz.assets import bundle_folder
 
 ADDRESS = "127.0.0.1"
 FIRST_PORT = 7000
+"""The live view is on this port, or on the next one that is free."""
 PORTS_TRIED = 100
 HOSTS = r"(127\.0\.0\.1|localhost)"
 """Accepted host names; the server rejects foreign names that resolve to this machine (DNS rebinding)."""

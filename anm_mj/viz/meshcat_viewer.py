@@ -26,7 +26,7 @@ from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, page_program, script_json
-from anm_mj.viz.page_server import FIRST_PORT, PageServer
+from anm_mj.viz.live_view_server import FIRST_PORT, PageServer
 from anm_mj.viz.tint import rgb_of
 
 logger = logging.getLogger(__name__)

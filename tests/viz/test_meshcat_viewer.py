@@ -25,7 +25,7 @@ from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.events import Ended
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.types import Pose2, StopReason
-from anm_mj.viz import meshcat_viewer, page_server
+from anm_mj.viz import live_view_server, meshcat_viewer
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
@@ -240,7 +240,7 @@ def test_a_thousand_connections_that_say_nothing(viewer):
     files = len(os.listdir("/proc/self/fd"))
     try:
         asyncio.run(flood())
-        assert len(os.listdir("/proc/self/fd")) - files - len(held) < page_server.MAX_CONNECTIONS + 20
+        assert len(os.listdir("/proc/self/fd")) - files - len(held) < live_view_server.MAX_CONNECTIONS + 20
         with urllib.request.urlopen(viewer.url, timeout=10) as answer:
             assert b"MeshCat" in answer.read()
     finally:
@@ -253,9 +253,9 @@ def test_a_thousand_connections_that_say_nothing(viewer):
 
 def test_a_flood_of_connections_is_taken_slowly(monkeypatch):
     """The first few at once; the next ones wait for their turns, and are served then."""
-    monkeypatch.setattr(page_server, "BURST", 3)
-    monkeypatch.setattr(page_server, "TAKEN_PER_S", 2.0)
-    server, begin_s = page_server.PageServer(page="hello"), time.monotonic()
+    monkeypatch.setattr(live_view_server, "BURST", 3)
+    monkeypatch.setattr(live_view_server, "TAKEN_PER_S", 2.0)
+    server, begin_s = live_view_server.PageServer(page="hello"), time.monotonic()
     clients = [socket.create_connection(("127.0.0.1", server.port), timeout=60) for _ in range(6)]
     try:
         for number, client in enumerate(clients):
@@ -269,7 +269,7 @@ def test_a_flood_of_connections_is_taken_slowly(monkeypatch):
 
 
 def test_no_more_pages_than_a_few(viewer, monkeypatch):
-    monkeypatch.setattr(page_server, "MAX_BROWSERS", 2)
+    monkeypatch.setattr(live_view_server, "MAX_BROWSERS", 2)
     show(viewer, 1)
 
     async def look():
@@ -322,7 +322,7 @@ def test_next_free_port_is_taken_and_named(caplog):
 
 
 def test_no_free_port_is_one_sentence(monkeypatch):
-    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
+    monkeypatch.setattr(live_view_server, "PORTS_TRIED", 1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
