@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from anm_mj.ros.blocked_way import is_way_blocked
 from anm_mj.ros.drive_config import RosConfig
 from anm_mj.ros.health import Health
 from anm_mj.ros.names import TWIST, TWIST_STAMPED
@@ -17,8 +18,6 @@ from anm_mj.ros.node import Node
 from anm_mj.types import Twist
 
 PERIOD_S = 0.02
-_REACTION_S = 0.15
-"""What a robot drives before a command is effective: images, wire and motors are late by this [s]."""
 _AFTER_S = 0.4
 """Zeros are sent for so long after the robot was to stop [s]; then others may drive it."""
 _LAST_ZEROS = 5
@@ -85,7 +84,9 @@ class Commander:
             fault = self._health.present()
             self._say(fault)
             wanted = STILL if fault is not None else self._wanted
-            self.is_blocked = self._meets_obstacle(wanted)
+            self.is_blocked = wanted.forward_mps > 0.0 and is_way_blocked(
+                self.way_m(), self._now.forward_mps, self._reach_m, self._config
+            )
             if fault is not None:
                 self._now = STILL
             else:
@@ -103,13 +104,6 @@ class Commander:
         elif fault is None and self._said is not None:
             self._said = None
             _logger.warning("The robot goes on: everything is back.")
-
-    def _meets_obstacle(self, wanted: Twist) -> bool:
-        if wanted.forward_mps <= 0.0:
-            return False
-        config, speed = self._config, max(self._now.forward_mps, 0.0)
-        braking_m = speed * _REACTION_S + speed**2 / (2.0 * config.forward_mps2)
-        return self.way_m() < config.radius_m + config.clearance_m + min(braking_m, self._reach_m)
 
     def _limited(self, wanted: Twist) -> Twist:
         config, now = self._config, self._now

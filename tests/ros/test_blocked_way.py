@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.ros.blocked_way import free_way_m
+from anm_mj.ros.blocked_way import free_way_m, is_way_blocked
+from anm_mj.ros.drive_config import RosConfig
 from tests.mapping.ray_room import CAMERA_HEIGHT_M, Room, camera_pose
 
 HALF_WIDTH_M, HEIGHTS_M = 0.2, (0.05, 1.3)
@@ -35,3 +36,12 @@ def test_single_points_are_noise_and_no_depth_is_free():
 
     assert way_m(Room(furniture=()), spoil=speckle) == pytest.approx(3.0, abs=0.02)
     assert way_m(Room(), spoil=lambda depth_m: depth_m.fill(np.nan)) == math.inf
+
+
+def test_a_fast_robot_stops_earlier_unless_it_is_to_stop_before():
+    config = RosConfig()
+    near_m = config.radius_m + config.clearance_m
+    assert is_way_blocked(near_m - 0.01, 0.0, math.inf, config)
+    assert not is_way_blocked(near_m + 0.01, 0.0, math.inf, config)
+    assert is_way_blocked(near_m + 0.01, 0.3, math.inf, config)
+    assert not is_way_blocked(near_m + 0.01, 0.3, 0.005, config)
