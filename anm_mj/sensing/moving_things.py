@@ -1,6 +1,6 @@
 """What moves around the robot: places and velocities of the things that moved pixels show.
 
-The camera looks over what is low and near. Such a thing is remembered for longer, until its place is seen again, as
+The camera looks over what is low and near. Such a thing is remembered for longer, until its place is seen empty, as
 somewhere about that place: within what it can have covered at its fastest, up to a bound.
 """
 
@@ -100,7 +100,7 @@ class MovingThings:
 
 
 def _is_remembered(thing: MovingThing, observation: Observation, now_s: float) -> bool:
-    """Whether a thing may still be about: for longer where it is low and out of view."""
+    """Whether a thing may still be about: for longer where it is low, until the camera sees past its place."""
     unseen_s = now_s - thing.seen_s
     if unseen_s <= REMEMBERED_S or not thing.is_low:
         return unseen_s <= REMEMBERED_S
@@ -108,7 +108,9 @@ def _is_remembered(thing: MovingThing, observation: Observation, now_s: float) -
     x, y, z = transform_points(T_camera_world, np.array([[*thing.after(now_s), _LOW_M]]))[0].tolist()
     u, v = (camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy) if z > 0.0 else (-1.0, -1.0)
     in_view = 0.0 <= u < camera.width and 0.0 <= v < camera.height
-    return unseen_s <= HIDDEN_S and not in_view
+    # What was not measured says nothing, and what is nearer hides the place.
+    is_seen = in_view and bool(observation.depth_m[int(v), int(u)] > z)
+    return unseen_s <= HIDDEN_S and not is_seen
 
 
 def _sight_height_m(observation: Observation) -> float:

@@ -134,6 +134,18 @@ def test_feet_alone_are_no_low_thing():
         assert [thing.is_low for thing in things.things] == [False]
 
 
+@pytest.mark.parametrize(("depth_m", "remembered"), [(math.nan, True), (1.0, True), (1.6, False), (math.inf, False)])
+def test_a_low_thing_is_forgotten_only_where_the_camera_sees_past_its_place(depth_m, remembered):
+    """Its place is in the image, where nothing was measured, or what hides it, or what lies behind."""
+    things = MovingThings()
+    for before_s in (0.6, 0.3, 0.0):
+        things.update(seen_from(0.0, -before_s, low=True))
+
+    after = seen_from(0.0, 10.0)
+    things.update(replace(after, depth_m=np.full_like(after.depth_m, depth_m)))
+    assert len(things.things) == remembered
+
+
 def test_a_low_thing_out_of_sight_needs_more_room_the_longer_it_is_hidden():
     low = MovingThing(1.0, 0.0, (0.0, 0.0), 0.2, 0.0, low_sights=3, fastest_mps=0.3)
 
