@@ -111,7 +111,7 @@ class Crowd:
         """When each was last seen to get on."""
         self._path: list[Float[np.ndarray, "k 2"]] = [self.xy_m[i : i + 1].copy() for i in range(count)]
         things = slice(config.number, config.number + config.vacuums)
-        self._speed_mps[things], self._stand_until_s[things] = _VACUUM_MPS, 0.0
+        self._speed_mps[things], self._stand_until_s[config.number - config.followers : things.stop] = _VACUUM_MPS, 0.0
         for one in range(count)[things]:
             self._path[one] = _far_ahead(self.xy_m[one], self.yaw_rad[one])
         if config.has_chair:
@@ -175,7 +175,7 @@ class Crowd:
         return self._num_periods > before
 
     def _move_doors(self, robot_xy_m: Float[np.ndarray, "2"]) -> None:
-        """One period of the doors; who stands opens none."""
+        """One period of the doors; who stands opens none, and followers never stand."""
         walking = np.flatnonzero(self._stand_until_s[: self.config.number] <= self._num_periods * PERIOD_S)
         ways_m = [np.vstack([self.xy_m[one], self._path[one]]) for one in walking.tolist()]
         bodies = [*np.column_stack([self.xy_m, self.radius_m]), [*robot_xy_m, self._robot_radius_m]]

@@ -10,7 +10,7 @@ from anm_mj.utils.settings import Settings, setting
 
 @dataclass(frozen=True)
 class PeopleConfig(Settings, group="people", error=ConfigError):
-    """Settings of the people in a scene; without people none of them matters."""
+    """Settings of the people in a scene; without people only vacuum robots and the chair move."""
 
     number: int = setting(0, at_least=0, at_most=100)
     """How many walk through the scene."""
@@ -28,7 +28,6 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
     """So many vacuum robots drive about on the floor."""
     chair_pushed_s: float = setting(0.0, at_least=0.0)
     """A chair stands on the floor, and is pushed 0.7 m aside after so long [s]; 0 = there is none."""
-
     doors: int = setting(0, at_least=0, at_most=100)
     """Leaves hang in so many doorways, those nearest to the robot's start, shut until a person passes."""
 
@@ -62,4 +61,9 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
             raise ConfigError(
                 f"people.doors is {self.doors}, but people.number is 0, so that nobody opens them; give people, or no "
                 "doors."
+            )
+        if self.doors > 0 and self.blocked_s > 0.0:
+            raise ConfigError(
+                f"people.doors is {self.doors} and people.blocked_s is {self.blocked_s:g}: a leaf would hang in the "
+                "doorway in which somebody stands; give only one of them."
             )

@@ -74,6 +74,16 @@ def test_a_door_turns_into_nobody(floor, scene, door):
     assert crowd.doors.gap_m(middle, 0.3) > 0.0
 
 
+def test_a_follower_opens_the_door_at_once_on_its_way_to_the_robot(floor, scene, door):
+    middle, aside = door
+    people = PeopleConfig(number=1, followers=1, doors=1, longest_stand_s=1e4)
+    crowd = Crowd(people, floor, scene.starts[0].xy_m, ROBOT_M, 0)
+    crowd.xy_m[0] = middle + 1.0 * aside
+
+    crowd.follow(8.0, middle - 1.8 * aside)
+    assert float((crowd.xy_m[0] - middle) @ aside) < 0.0
+
+
 @pytest.mark.parametrize("drive", ["kinematic", "physics"])
 def test_a_shut_door_stops_the_robot_and_every_camera_sees_it(scene, door, drive):
     middle, aside = door
@@ -146,6 +156,8 @@ def test_the_map_opens_with_the_door(scene, door):
 def test_doors_need_people_and_doorways(floor, scene):
     with pytest.raises(ConfigError, match=r"people.doors is 1, but people.number is 0, so that nobody opens them"):
         make_config("default", ["people.doors=1"], scene="home")
+    with pytest.raises(ConfigError, match=r"people.doors is 1 and people.blocked_s is 60: a leaf would hang in the"):
+        make_config("default", ["people.number=1", "people.doors=1", "people.blocked_s=60"], scene="home")
     with pytest.raises(SceneError, match=r"people.doors is 50, but \d doorways of the scene have room for a leaf"):
         Crowd(PeopleConfig(number=1, doors=50), floor, scene.starts[0].xy_m, ROBOT_M, 0)
 
