@@ -170,8 +170,11 @@ def run_loop(
     # What the renderer took is needed for the final training, the mesh and its comparison with the truth.
     parts.robot.close()
     malloc_trim()
-    if not interrupted:
-        mapper.finish() if config.goal != "coverage" else mapper.settle_moved()
+    # The last checkpoint holds what a resumed run goes on from; nobody shows this map anything any more.
+    if interrupted or config.goal == "coverage":
+        mapper.settle_moved()
+    else:
+        mapper.finish()
     left = _what_is_left(parts, recorder, ended)
     back = None
     if isinstance(parts.policy, ReturnToStart):

@@ -11,6 +11,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import anm_mj.run
@@ -20,6 +21,7 @@ from anm_mj.events import On, Stepped
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.types import FREE, OCCUPIED
 from tests.public_scenes import PUBLIC_SCENES
 from tests.scene.small import make_small_scene
 
@@ -159,6 +161,35 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     assert not (killed / "checkpoint").exists()
     with pytest.raises(CheckpointError, match="has ended"):
         resume(killed)
+
+
+def test_an_interrupted_run_leaves_doubted_surface_in_its_map_and_the_doubt_to_who_resumes_it(small, tmp_path):
+    folder, solid, doubts = tmp_path / "run", [], []
+
+    def doubt(stepped):
+        if stepped.step < 4:
+            return False
+        by_depth = stepped.mapper.occupancy.by_depth
+        solid.append(by_depth.voxels.state == OCCUPIED)
+        columns, _ = by_depth.blocks_with_hits()
+        by_depth._moved._ever = {(x, y) for x, y, _ in columns.tolist()}
+        assert by_depth.doubt_moved()
+        doubts.append(np.count_nonzero(solid[0] & (by_depth.voxels.state == FREE)))
+        return True
+
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=6, seed=3, device="cpu")
+    anm_mj.run.run(config, out=folder, observers=(On(Stepped, doubt),))
+    assert doubts[0] > 50
+    arrays = read_map(folder / "map.safetensors").occupancy
+    assert np.array_equal(arrays["state"] == OCCUPIED, solid[0])
+
+    def still(stepped):
+        (layer, *_), _ = (by_depth := stepped.mapper.occupancy.by_depth)._moved._unseen(by_depth.voxels)
+        doubts.append(len(layer))
+        return True
+
+    resume(folder, observers=(On(Stepped, still),))
+    assert doubts[1] > 0
 
 
 def test_code_that_a_folder_names_is_not_run(small, tmp_path):
