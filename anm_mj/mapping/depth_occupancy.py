@@ -161,17 +161,13 @@ class DepthOccupancy:
         return self._moved.doubt(self.voxels, self._num_frames)
 
     def settle_moved(self) -> bool:
-        """Take what was doubted and not seen since for surface again, and nothing that moved for an obstacle.
-
-        Returns:
-            Whether anything changed; readers that have read the last frame do not notice.
+        """Take what was doubted and not seen since for surface again, and nothing that moved for an obstacle; whether
+        anything changed, which readers of the last frame do not notice.
         """
         return self._moved.settle(self.voxels, self._num_frames)
 
     def is_pretended(self, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Whether the states of voxels, by their indices into the raveled grid, are for now others than depth says:
-        what is held is occupied, what is doubted is free.
-        """
+        """Whether voxels, by index into the raveled grid, are held (occupied for now) or doubted (free for now)."""
         return self._moved.is_pretended(self.voxels, indices)
 
     def find_moved(self, observation: Observation) -> Bool[np.ndarray, "h w"] | None:
