@@ -104,8 +104,6 @@ class Observation:
     """Camera to world; camera axes x right, y down, z forward."""
     pose: Pose2
     """Where the base stands, as the robot believes it."""
-    image_age_s: float = 0.0
-    """By its stamp the image was taken so long before ``time_s`` [s]; ``T_world_camera`` is of then."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
     shown_range_m: float = math.inf
@@ -119,6 +117,8 @@ class Observation:
     """Largest standard deviation of the position along any direction [m]; 0 where nobody estimates it."""
     heading_deviation_rad: float = 0.0
     """That of the rotation about any axis [rad], likewise."""
+    image_age_s: float = 0.0
+    """By its stamp the image was taken so long before ``time_s`` [s]; ``T_world_camera`` is of then."""
 
 
 @dataclass(frozen=True)

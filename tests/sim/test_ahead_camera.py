@@ -13,7 +13,7 @@ from anm_mj.sim.camera import Camera
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action
-from anm_mj.utils import cores
+from anm_mj.utils import threads
 
 _MODEL = """<mujoco><worldbody><geom type="box" pos="3 0 0" size="0.5 9 9"/>
 <body name="base"><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1"/>
@@ -36,7 +36,7 @@ class Counting(Camera):
         self.calls += 1
         self.started.set()
         self.threads.add(threading.get_ident())
-        self.lent.append(cores._lent)
+        self.lent.append(threads._lent)
         return np.zeros((1, 1, 3), np.uint8), data.cam_xpos[:1, :1].astype(np.float32)
 
     def close(self):
@@ -114,7 +114,7 @@ def test_all_images_come_from_one_thread_and_lend_it_a_core(model):
         assert threading.get_ident() not in inner.threads
         # Whoever waits for an image computes nothing else.
         assert inner.lent == [1, 0]
-    assert cores._lent == 0
+    assert threads._lent == 0
 
 
 def test_an_image_that_failed_ahead_fails_when_it_is_wanted(model):

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from anm_mj.utils import cores
+from anm_mj.utils import threads
 from anm_mj.utils.background import Background
 
 
@@ -12,7 +12,7 @@ def test_tasks_are_done_in_order_with_a_core_of_their_own():
     background, done, lent = Background("test", 2), [], []
     for number in range(20):
         background.submit(lambda number=number: done.append((number, threading.get_ident())))
-    background.submit(lambda: lent.append(cores._lent))
+    background.submit(lambda: lent.append(threads._lent))
     background.flush()
     assert [number for number, _ in done] == list(range(20))
     assert {thread for _, thread in done} != {threading.get_ident()}
@@ -21,7 +21,7 @@ def test_tasks_are_done_in_order_with_a_core_of_their_own():
     background.close()
     background.close()
     background.flush()
-    assert cores._lent == 0
+    assert threads._lent == 0
 
 
 def test_who_is_too_far_ahead_waits():
