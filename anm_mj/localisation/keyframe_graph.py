@@ -53,7 +53,6 @@ class KeyframeGraph:
             basis: Directions of motion, as of :class:`~.registration.Prior`.
         """
         self.config = config
-        self.num_loops = 0
         self.poses = np.zeros((0, 4, 4))
         """Of all keyframes, camera to world."""
         self.edges: list[Edge] = []
@@ -129,7 +128,6 @@ class KeyframeGraph:
         if max(misfit.max(), strain.max(initial=0.0)) > self.config.loop_chi_square * self._basis.shape[1]:
             return False
         self.edges = trial
-        self.num_loops += 1
         return True
 
     def _chosen(

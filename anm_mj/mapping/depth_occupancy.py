@@ -266,18 +266,19 @@ class DepthOccupancy:
         self.voxels = self.voxels._replace(log_odds=log_odds)
 
     def _is_straying(self, places: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> bool:
-        """Whether a single pixel, from near enough to tell, hit a voxel that was surely free before.
-
-        Surface is hit by many pixels side by side. Where such are in free space, the pose is wrong, or something moved.
+        """Whether a single pixel, from near enough to tell, hit a voxel that was surely free before. Surface is hit by
+        many side by side: where such are in free space, the pose is wrong, or something moved.
         """
-        near = places[depth_m < _STRAY_RANGE_M]
-        inside, cells = self.voxels.cells_of(near)
+        near = np.flatnonzero(depth_m < _STRAY_RANGE_M)
+        inside, cells = self.voxels.cells_of(places[near])
         doubted = near[inside][self.voxels.log_odds[cells] <= -_SURE_MISSES * self.config.miss]
-        if not len(doubted):
+        # On surface, the pixel before or after lies next to it, as a rule: that spares the search among all.
+        beside = [np.abs(places[doubted] - places[(doubted + side) % len(places)]).max(axis=1) for side in (-1, 1)]
+        alone = places[doubted[np.minimum(*beside) > _ALONE_VOXELS]]
+        if not len(alone):
             return False
-        # Each finds itself first.
-        away, _ = KDTree(places).query(doubted, k=2, p=math.inf, distance_upper_bound=_ALONE_VOXELS + 0.5)
-        return bool(np.isinf(np.asarray(away)[:, 1]).any())
+        away, _ = KDTree(places).query(alone, k=2, p=math.inf, distance_upper_bound=_ALONE_VOXELS + 0.5)
+        return bool(np.isinf(np.asarray(away)[:, 1]).any())  # Each finds itself first.
 
     def _view(
         self, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]

@@ -35,9 +35,9 @@ def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[Keyframe
     """The graph of a camera that turns about while its pose drifts, and what it corrected."""
     images = KeyImages(KeyImageConfig())
     graph = KeyframeGraph(config, images, PLANAR)
-    corrections, offset = [], np.eye(4)
+    corrections, offset, is_closed = [], np.eye(4), False
     for step, frame in enumerate(frames):
-        T = moved_camera(frame.T_world_camera, drift(step)) if not graph.num_loops else offset @ frame.T_world_camera
+        T = moved_camera(frame.T_world_camera, drift(step)) if not is_closed else offset @ frame.T_world_camera
         placed = replace(frame, T_world_camera=T)
         motion = None
         if step:
@@ -49,6 +49,7 @@ def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[Keyframe
         correction = graph.add(FrameToImages(images, [], points, gray, 0.0, 1.0), T, motion)
         if correction is not None:
             corrections.append(correction)
+            is_closed |= correction.closed
             offset = correction.T_world_camera[-1] @ np.linalg.inv(frame.T_world_camera)
     return graph, corrections
 
@@ -66,7 +67,7 @@ def frames(room: Room) -> list[Observation]:
 def test_a_place_that_is_seen_again_closes_a_loop(frames: list[Observation]) -> None:
     graph, corrections = turn_about(CONFIG, frames)
     closed = [correction for correction in corrections if correction.closed]
-    assert graph.num_loops == len(closed) >= 1
+    assert len(closed) >= 1
     assert closed[0].nodes[0] == 1
     assert closed[0].largest_m > 0.03
     assert np.linalg.norm(drift(COUNT - 1)[:3]) > 0.07
@@ -79,7 +80,6 @@ def test_a_place_that_is_seen_again_closes_a_loop(frames: list[Observation]) -> 
 def test_without_loops_and_adjustment_nothing_moves(frames: list[Observation]) -> None:
     graph, corrections = turn_about(replace(CONFIG, loops=False), frames)
     assert not corrections
-    assert graph.num_loops == 0
     assert off_m(graph, frames)[-1] > 0.07
 
 
@@ -111,7 +111,6 @@ def test_a_loop_that_the_way_does_not_allow_is_refused() -> None:
     for k in range(27, 30):
         # All say alike, and are wrong by a metre.
         assert not graph._take_loops([edge(graph, 0, k, 1.0)])
-    assert graph.num_loops == 0
     assert graph.edges == before
 
 
@@ -123,7 +122,7 @@ def test_a_loop_needs_several_keyframes_that_say_alike() -> None:
     assert not graph._take_loops(small[1:2])
     assert not graph._take_loops([edge(graph, 0, 28, -0.08, 1e4)])
     assert not graph._take_loops(small[2:])
-    assert graph.num_loops == 0
+    assert len(graph.edges) == 29
     graph = way()
     assert [graph._take_loops([one]) for one in small] == [False, False, True]
-    assert graph.num_loops == 1
+    assert len(graph.edges) == 29 + len(small)
