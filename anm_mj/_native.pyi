@@ -193,18 +193,42 @@ def write_blocks(
     out: NDArray[np.int8],
     moved: NDArray[np.uint8],
 ) -> None: ...
-def frame_to_frame(
+
+_KeyImage = tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64], int]
+
+def frame_to_frames(
     points: _Floats,
     gray: _Floats,
     variance: _Floats,
     trust: _Floats,
-    depth: NDArray[np.uint16],
-    image_gray: NDArray[np.uint8],
-    camera: NDArray[np.float64],
+    images: list[_KeyImage],
     T: NDArray[np.float64],
+    depth_share: float,
     settings: NDArray[np.float64],
-    num_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+def shares_in(
+    points: _Floats, images: list[_KeyImage], T: NDArray[np.float64], nearness: float, most_scale: float
+) -> list[float]: ...
+def near_occupied(
+    state: NDArray[np.int8],
+    corner: NDArray[np.int64],
+    voxel_m: float,
+    points: NDArray[np.float64],
+    reach: float,
+    out: NDArray[np.uint8],
+) -> None: ...
+def agreement(
+    state: NDArray[np.int8],
+    log_odds: NDArray[np.int8],
+    corner: NDArray[np.int64],
+    voxel_m: float,
+    points: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    reach: float,
+    shares: NDArray[np.float64],
+    margin: float,
+    out: NDArray[np.uint8],
+) -> None: ...
 def smoothed_depth(depth: _Floats, radius: int, noise: float, spread_share: float) -> _Floats: ...
 def ray_batches(
     pixels: NDArray[np.uint8],

@@ -1,6 +1,7 @@
 // The mapper's kernel: whole training steps and queries. One translation unit, compiled once per instruction set, see
 // CMakeLists.txt.
 #include "frame_to_field.h"
+#include "frame_to_frame.h"
 #include "query.h"
 #include "roofline.h"
 #include "sensitivity.h"
@@ -17,7 +18,8 @@
 
 namespace {
 
-const anm::Kernel kKernel = {ANM_STRING(ANM_KERNEL), step, sample, query, hidden, sensitivity, render, align, measure_roofline};
+const anm::Kernel kKernel = {ANM_STRING(ANM_KERNEL), step, sample, query, hidden, sensitivity, render, align, frame_to_frame,
+                             measure_roofline};
 
 }  // namespace
 

@@ -127,6 +127,48 @@ struct NormalEquations {
     double cost = 0.0, weight = 0.0, count = 0.0;
 };
 
+// Points of a frame in the camera's axes, with their grey values in [0, 1].
+struct GrayPoints {
+    const float* camera = nullptr;    // [n][3], m
+    const float* gray = nullptr;      // [n]
+    const float* variance = nullptr;  // [n], as of FramePoints
+    const float* trust = nullptr;     // [n]
+    int count = 0;
+};
+
+// An earlier frame that others are compared with, and where one of them stands to it.
+struct KeyView {
+    const std::uint16_t* depth = nullptr;  // of 16 bits (IEEE 754); 0 or not finite: not measured, negative: on no plane
+    const std::uint8_t* gray = nullptr;    // in 255ths
+    int width = 0, height = 0, gray_width = 0, gray_height = 0;
+    float gray_share = 1.0F;  // pixels of the grey image to one of depth, along a side: less than 1 where it is coarser
+    float fx = 0.0F, fy = 0.0F, cx = 0.0F, cy = 0.0F;  // pixel (u, v) has its centre at (u + 0.5, v + 0.5)
+    float noise = 0.0F;       // deviation of its depth: this times its square, 1/m
+    int stencil = 1;          // normals come from pixels so far away
+    float rotation[9] = {};   // the camera of the frame to this one, row by row
+    float position[3] = {};
+};
+
+// How a frame is compared with an earlier one.
+struct FrameToFrame {
+    float deviation = 0.0F;   // of a surface's distance beside the sensors' noise, m
+    float kernel = 0.0F;      // of Geman and McClure, in deviations
+    float reach = 0.0F;       // points that are farther from the surface are not the same, m
+    float edge_share = 0.0F;  // depth that bends by a larger share of itself is an edge
+    float gray_deviation = 0.0F, gray_kernel = 0.0F;  // 0 = without grey values
+};
+
+// What a common factor of all grey values adds: exposure changes from frame to frame.
+struct Gain {
+    double cross[6] = {}, square = 0.0, gradient = 0.0;
+};
+
+// Sums over points: of distances, then of grey values.
+struct FrameSums {
+    NormalEquations of[2];
+    Gain gain;
+};
+
 // Memory that the kernel asks the bindings for; kept between calls, contents undefined unless said.
 struct Arena {
     void* owner = nullptr;
@@ -158,6 +200,7 @@ struct Kernel {
     // sums: of distances to the surface, then of colours. residuals: [count] distances, NaN where none; may be null.
     void (*align)(const Model&, const FramePoints&, const Alignment&, NormalEquations* sums, float* residuals,
                   const Parallel&, const Arena&);
+    void (*frame_to_frame)(const GrayPoints&, const KeyView&, const FrameToFrame&, FrameSums&);
     void (*roofline)(std::size_t table_bytes, Roofline&);
 };
 

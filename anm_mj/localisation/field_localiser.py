@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -307,7 +308,7 @@ class FieldLocaliser:
     @property
     def _usual_score(self) -> float:
         """What frames scored of late; NaN before any did."""
-        return float(np.median(self._scores)) if self._scores else math.nan
+        return statistics.median(self._scores) if self._scores else math.nan
 
     def _is_sure(self) -> bool:
         position, rotation = largest_deviations(self._basis @ self._covariance @ self._basis.T)

@@ -6,7 +6,9 @@ just begun to learn what they show; the field keeps them all from drifting apart
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +21,6 @@ from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
-from anm_mj.utils.threads import usual_num_threads
 
 _MOST_TRIED, _LATEST_TRIED = 12, 3
 """Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
@@ -31,6 +32,10 @@ _PLANE_SPREAD = 0.05
 """Inverse depth that spreads by a larger share of itself over such a square is an edge."""
 _COARSE = 4
 """Side of the squares whose grey values are averaged [px]."""
+_OVERLAP_STEP = 8
+"""Of so many points one is looked for in other images, to say how much they show of them."""
+_NEARNESS = 0.05
+"""Depths that differ by a smaller share of themselves may be of the same surface."""
 _MOST_SCALE = 2.0
 """What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
@@ -53,6 +58,11 @@ class KeyImage:
     """Depth is the mean of a square about each pixel that reaches so far."""
     node: int = -1
     """Number of its keyframe; -1 before it has one."""
+
+    def arrays(self, coarse: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+        """Depth, grey values, camera, pose, and from how far normals are taken [px], for native code."""
+        gray = self.coarse if coarse else self.gray
+        return self.depth_m.view(np.uint16), gray, self.camera, self.T_world_camera, self.radius_px + 1
 
     @property
     def view(self) -> tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]:
@@ -153,25 +163,20 @@ class KeyImages:
         """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most."""
         config = self.config
         near = [self.images[k] for k in self._near(T_world_camera)] if self.images else []
-        own = points.camera_m[::8]
-        world = own @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        chosen: list[KeyImage] = []
-        for image in near[:_MOST_TRIED]:
-            if len(chosen) >= config.num_images - 1:
-                break
-            if _share_in(image, world, own[:, 2]) >= config.least_overlap:
-                chosen.append(image)
-        latest = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
-        if latest:
-            best = max(latest, key=lambda image: _share_in(image, world, own[:, 2]))
+        late = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
+        early = near[:_MOST_TRIED] if config.num_images > 1 else []
+        share = _shares_in([*early, *late], points, T_world_camera)
+        enough = (k for k in range(len(early)) if share[k] >= config.least_overlap)
+        chosen = [early[k] for k in itertools.islice(enough, config.num_images - 1)]
+        if late:
+            best = late[int(np.argmax(share[len(early) :]))]
             chosen += [best] if all(best.step != image.step for image in chosen) else []
         return chosen
 
     def shares(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[tuple[float, KeyImage]]:
         """Which share of a frame's points each image shows, of those that were taken near enough."""
-        own = points.camera_m[::8]
-        world = own @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        return [(_share_in(self.images[k], world, own[:, 2]), self.images[k]) for k in self._near(T_world_camera)]
+        near = [self.images[k] for k in self._near(T_world_camera)]
+        return list(zip(_shares_in(near, points, T_world_camera), near, strict=True))
 
     def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[int]:
         """Images that were taken near a camera, in a like direction."""
@@ -182,55 +187,47 @@ class KeyImages:
 
     def equations(
         self,
-        image: KeyImage,
+        images: Sequence[KeyImage],
         points: FramePoints,
         T_world_camera: Float[np.ndarray, "4 4"],
         noise_per_m: float,
         kernel: float,
-        coarse_gray: Float32[np.ndarray, " n"] | None = None,
+        gray: Float32[np.ndarray, " n"],
+        *,
+        coarse: bool = False,
         depth_share: float = 1.0,
     ) -> Sums:
-        """Sums over a frame's points against an image, by displacement and rotation in the world.
+        """Sums over a frame's points against images, by displacement and rotation in the world.
 
-        ``coarse_gray`` are the points' grey values as of :attr:`KeyImage.coarse`, to be compared with these;
-        ``depth_share`` is what their depth counts beside grey values.
+        Costs and counts are means over the images, as a point that one of them does not show is no outlier of the
+        others. ``gray`` are the points' grey values in [0, 1]; with ``coarse`` those as of :attr:`KeyImage.coarse`, to
+        be compared with these. ``depth_share`` is what their depth counts beside grey values.
         """
         config = self.config
-        T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
             [
-                (noise_per_m if math.isfinite(noise_per_m) else 0.0) / (2 * image.radius_px + 1),
                 config.deviation_m,
                 kernel,
                 config.reach_m,
                 config.edge_share,
                 config.gray_deviation,
                 config.gray_kernel,
-                image.radius_px + 1,
-                1.0 if coarse_gray is None else 1.0 / _COARSE,
+                1.0 / _COARSE if coarse else 1.0,
+                noise_per_m if math.isfinite(noise_per_m) else 0.0,
             ]
         )
-        hessian, gradient, facts = _native.frame_to_frame(
+        hessian, gradient, facts = _native.frame_to_frames(
             points.camera_m,
-            gray_values(points.rgb) if coarse_gray is None else coarse_gray,
+            gray,
             points.variance_m2,
             points.trust,
-            image.depth_m.view(np.uint16),
-            image.gray if coarse_gray is None else image.coarse,
-            image.camera,
-            np.ascontiguousarray(T),
+            [image.arrays(coarse) for image in images],
+            T_world_camera,
+            depth_share,
             settings,
-            usual_num_threads(),
         )
-        turn = np.zeros((6, 6))
-        turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
-        full, slope = (
-            turn @ (depth_share * hessian[0] + hessian[1]) @ turn.T,
-            turn @ (depth_share * gradient[0] + gradient[1]),
-        )
-        return Sums(
-            full, slope, float(facts[0, 0]), float(facts[0, 2]), float(facts[1, 0]) / max(1.0, float(facts[1, 2]))
-        )
+        cost, num_points, gray_cost = (facts / len(images)).tolist()
+        return Sums(hessian, gradient, cost, num_points, gray_cost)
 
 
 class FrameToImages:
@@ -257,7 +254,7 @@ class FrameToImages:
                 disparity), so that more of them tell no more.
         """
         self._kept, self._images, self.points, self._noise_per_m = kept, images, points, noise_per_m
-        self._coarse_gray, self._depth_share = coarse_gray, depth_share
+        self._gray, self._coarse_gray, self._depth_share = gray_values(points.rgb), coarse_gray, depth_share
 
     def __len__(self) -> int:
         return len(self.points)
@@ -269,18 +266,15 @@ class FrameToImages:
 
     def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
         """Sums over the points and images at a pose."""
-        gray = self._coarse_gray if coarse else None
-        parts = [
-            self._kept.equations(image, self.points, T_world_camera, self._noise_per_m, kernel, gray, self._depth_share)
-            for image in self._images
-        ]
-        # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
-        return Sums(
-            np.sum([part.hessian for part in parts], axis=0),
-            np.sum([part.gradient for part in parts], axis=0),
-            sum(part.cost for part in parts) / len(parts),
-            sum(part.num_points for part in parts) / len(parts),
-            sum(part.mean_gray_cost for part in parts) / len(parts),
+        return self._kept.equations(
+            self._images,
+            self.points,
+            T_world_camera,
+            self._noise_per_m,
+            kernel,
+            self._coarse_gray if coarse else self._gray,
+            coarse=coarse,
+            depth_share=self._depth_share,
         )
 
     def against(self, image: KeyImage) -> FrameToImages:
@@ -314,20 +308,12 @@ def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, 
     return values / np.float32(255.0)
 
 
-def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"], own_depth_m: Float[np.ndarray, " n"]) -> float:
-    """Share of a frame's points that an image shows too, not hidden, and at a like scale.
+def _shares_in(
+    images: Sequence[KeyImage], points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]
+) -> list[float]:
+    """Share of a frame's points that each image shows too, not hidden, and at a like scale.
 
     A pattern that repeats, seen from much farther away, blurs into another one, which draws to a wrong place.
     """
-    seen = (world_m - image.T_world_camera[:3, 3]) @ image.T_world_camera[:3, :3]
-    depth = np.maximum(seen[:, 2], 1e-6)
-    fx, fy, cx, cy = image.camera
-    height, width = image.depth_m.shape
-    col, row = fx * seen[:, 0] / depth + cx, fy * seen[:, 1] / depth + cy
-    inside = (seen[:, 2] > 0.05) & (col >= 0.0) & (row >= 0.0) & (col < width) & (row < height)
-    at = row[inside].astype(np.int64), col[inside].astype(np.int64)
-    with np.errstate(invalid="ignore"):
-        on = np.abs(np.abs(image.depth_m[at]) - depth[inside]) < 0.05 * depth[inside]
-    scale = depth[inside] / own_depth_m[inside]
-    on &= (scale < _MOST_SCALE) & (scale > 1.0 / _MOST_SCALE)
-    return float(np.count_nonzero(on)) / max(1, len(world_m))
+    some = np.ascontiguousarray(points.camera_m[::_OVERLAP_STEP])
+    return _native.shares_in(some, [image.arrays() for image in images], T_world_camera, _NEARNESS, _MOST_SCALE)

@@ -51,11 +51,13 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     retry_prior: float = setting(4.0, at_least=0.0)
     """As is one with a larger squared deviation from its prior, in variances per direction of motion."""
     retry_starts: int = setting(12, at_least=0, at_most=1000)
-    """So many starts beside the first,"""
+    """So many starts beside the first, at most,"""
     retry_deviations: float = setting(1.5, at_least=0.0)
     """drawn with so many standard deviations of the prior, or with the two above, if they are larger,"""
     retry_points: int = setting(300, at_least=50)
-    """and tried with so many pixels."""
+    """and tried with so many pixels,"""
+    retry_agreeing: int = setting(3, at_least=1, at_most=1000)
+    """until so many of them have ended where it costs least so far."""
     retry_gain: float = setting(0.9, at_least=0.0, at_most=1.0)
     """One that costs less than this share is taken."""
     most_prior: float = setting(9.0, at_least=0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -87,7 +88,7 @@ class MotionNoise:
         if not self._squares:
             return 1.0
         share = len(self._squares) / (len(self._squares) + _PRIOR_FRAMES)
-        learnt = math.sqrt(float(np.median(self._squares)))
+        learnt = math.sqrt(statistics.median(self._squares))
         return max(1.0, share * learnt + 1.0 - share)
 
     def add(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"], scale: float) -> None:

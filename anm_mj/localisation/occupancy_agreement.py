@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from anm_mj import _native
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.types import FREE, OCCUPIED
 
 REACH_M = 0.02
 """A point is confirmed where an occupied voxel is as near as this [m]."""
-_RAY_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
+_RAY_SHARES = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Places on a ray, as shares of its length, that have to be open."""
 _RAY_MARGIN_M = 0.2
 """So near to its end a ray may touch what it ends at [m]."""
@@ -45,17 +45,20 @@ def agreement(
     points_m: Float32[np.ndarray, "n 3"], T_world_camera: Float[np.ndarray, "4 4"], occupancy: DepthOccupancy
 ) -> Agreement:
     """Compare a frame's points, in the camera's axes, at a camera pose with the occupancy grid."""
-    origin = T_world_camera[:3, 3]
+    origin, voxels = np.ascontiguousarray(T_world_camera[:3, 3]), occupancy.voxels
     world = points_m @ T_world_camera[:3, :3].T + origin
-    near = occupancy.near_occupied(world, REACH_M)
-    ray = world - origin
-    # One call for all: of few points, a call costs more than they do. Somebody who is taken for an obstacle is a disc
-    # wider than they are; past them the frame sees what is behind.
-    places = np.concatenate((world, *(origin + share * ray for share in _RAY_SHARES)))
-    end, *on_ray = occupancy.state_at(places, held=False).reshape(-1, len(world))
-    free = end == FREE
-    length = np.linalg.norm(ray, axis=1)
-    blocked = np.zeros(len(world), bool)
-    for share, state in zip(_RAY_SHARES, on_ray, strict=True):
-        blocked |= (state == OCCUPIED) & ((1.0 - share) * length > _RAY_MARGIN_M)
-    return Agreement(near & ~blocked, (free & ~near) | blocked)
+    says = np.empty((2, len(world)), np.uint8)
+    # Somebody who is taken for an obstacle is a disc wider than they are: past them the frame sees what is behind.
+    _native.agreement(
+        voxels.state,
+        voxels.log_odds,
+        voxels.corner,
+        occupancy.config.voxel_m,
+        world,
+        origin,
+        REACH_M,
+        _RAY_SHARES,
+        _RAY_MARGIN_M,
+        says,
+    )
+    return Agreement(*says.view(bool))

@@ -6,6 +6,8 @@ distances shrinks from step to step, so that a wrong start finds the surface and
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -75,6 +77,10 @@ Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
 _COARSE_STEP = 3
 """Of so many points one is registered at first."""
+_SAME_M, _SAME_RAD = 0.01, 0.01
+"""Searches that end so near to each other have found the same place."""
+_NEAR_STEPS = 3.0
+"""A step with a wide kernel that is shorter than so many at which the search ends is the last one."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
 """Directions of motion of a base on the floor: along world x and y, and about z."""
 FREE = np.eye(6)
@@ -179,11 +185,12 @@ def register(
         if iteration >= config.iterations:
             break
         step = basis @ np.linalg.solve(hessian + information, -(gradient + information @ offset))
-        still = float(np.linalg.norm(step[:3])) < config.still_m and float(np.linalg.norm(step[3:])) < config.still_rad
-        if share >= 1.0 and still:
+        size = max(math.hypot(*step[:3].tolist()) / config.still_m, math.hypot(*step[3:].tolist()) / config.still_rad)
+        if share >= 1.0 and size < 1.0:
             break
         T = moved_camera(T, step)
-        iteration += 1
+        # So near, all points lead on.
+        iteration = coarse_iterations if iteration < coarse_iterations and size < _NEAR_STEPS else iteration + 1
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
     distance = equations.distance_m[np.isfinite(equations.distance_m)]
     cut = 2.0 * config.field_deviation_m
@@ -255,7 +262,7 @@ def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], conf
     """
     position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
     vague = position > config.retry_least_m or rotation > config.retry_least_rad
-    usual = float(np.median(costs)) if costs else 0.0
+    usual = statistics.median(costs) if costs else 0.0
     dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)
     return dear or found.prior_cost > config.retry_prior * len(prior.covariance)
 
@@ -272,6 +279,8 @@ def register_from_several(
     first: Registration,
 ) -> Registration:
     """The likeliest of a registration and of those from starts that are drawn about the prior.
+
+    No more starts are drawn once several have led to the best place so far.
 
     A wrong pose may fit nearly as many points as the right one. Costs of poses that bring different points to known
     surface compare as follows: a point that the map contradicts costs as much as the worst of outliers, one in unknown
@@ -301,16 +310,21 @@ def register_from_several(
             total += taken * now.mean_cost + wrong * config.kernel**2 + (1.0 - taken - wrong) * usual.mean_cost
         return config.information * len(points) * total + found.prior_cost
 
-    best, lowest = first, config.retry_gain * cost(first)
+    best, lowest, times = first, config.retry_gain * cost(first), 0
     least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
     deviations = np.maximum(least, config.retry_deviations * np.sqrt(np.diag(prior.covariance)))
     for _ in range(config.retry_starts):
         offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
         start = moved_camera(prior.T_world_camera, offset)
         found = register(few, prior, align, known, config, few_extra, start)
-        value = cost(found)
+        off, value = camera_motion(best.T_world_camera, found.T_world_camera), cost(found)
+        is_same = math.hypot(*off[:3].tolist()) < _SAME_M and math.hypot(*off[3:].tolist()) < _SAME_RAD
         if value < lowest:
-            best, lowest = found, value
+            best, lowest, times = found, value, times * is_same + 1
+        else:
+            times += is_same
+        if times >= config.retry_agreeing:
+            break
     return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
 
 

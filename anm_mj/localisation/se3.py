@@ -18,20 +18,28 @@ def skew(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 
 def rotation_of(vector_rad: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """The rotation about ``vector_rad`` by its length (Rodrigues)."""
-    angle = math.sqrt(float(vector_rad @ vector_rad))
-    if angle < _SMALL_RAD:
+    # Of three numbers, numpy's calls would cost more than their sums.
+    x, y, z = vector_rad.tolist()
+    square = x * x + y * y + z * z
+    if square < _SMALL_RAD**2:
         return np.eye(3) + skew(vector_rad)
-    axis = skew(vector_rad / angle)
-    return np.eye(3) + math.sin(angle) * axis + (1.0 - math.cos(angle)) * (axis @ axis)
+    angle = math.sqrt(square)
+    a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+        ]
+    )
 
 
 def rotation_vector(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     """The rotation vector of a rotation by less than half a turn [rad]."""
-    sine = 0.5 * np.array(
-        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
-    )
-    length = math.sqrt(float(sine @ sine))
-    angle = math.atan2(length, 0.5 * (float(np.trace(rotation)) - 1.0))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+    sine, length = np.array([x, y, z]), math.sqrt(x * x + y * y + z * z)
+    angle = math.atan2(length, 0.5 * (xx + yy + zz - 1.0))
     if length > _SMALL_RAD:
         return sine * (angle / length)
     if angle < 1.0:

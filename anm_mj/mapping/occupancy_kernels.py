@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Int64, UInt8, UInt
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics
+from anm_mj.types import UNKNOWN, Intrinsics
 from anm_mj.utils.read_file import array_of
 from anm_mj.utils.threads import usual_num_threads
 
@@ -73,22 +73,10 @@ class VoxelArrays(NamedTuple):
             reach_m: how near [m].
             voxel_m: edge of a voxel [m].
         """
-        layers, rows, cols = self.state.shape
-        state = self.state.reshape(-1)
-        # Low and high voxel along x, y and z, as offsets into the raveled grid.
-        offsets, insides = [], []
-        for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
-            ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
-            voxel = np.rint(ends / voxel_m).astype(np.int64) - self.corner[axis]
-            insides.append((voxel >= 0) & (voxel < count))
-            offsets.append(np.where(insides[-1], voxel, 0) * stride)
-        near = np.zeros(len(points_m), bool)
-        if not len(state):
-            return near
-        for x, y, z in np.ndindex(2, 2, 2):
-            inside = insides[0][x] & insides[1][y] & insides[2][z]
-            near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
-        return near
+        near = np.empty(len(points_m), np.uint8)
+        points = np.ascontiguousarray(points_m, np.float64)
+        _native.near_occupied(self.state, self.corner, voxel_m, points, reach_m, near)
+        return near.view(bool)
 
 
 def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> VoxelArrays:
