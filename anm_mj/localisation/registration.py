@@ -79,8 +79,6 @@ _COARSE_STEP = 3
 """Of so many points one is registered at first."""
 _SAME_M, _SAME_RAD = 0.01, 0.01
 """Searches that end so near to each other have found the same place."""
-_NEAR_STEPS = 3.0
-"""A step with a wide kernel that is shorter than so many at which the search ends is the last one."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
 """Directions of motion of a base on the floor: along world x and y, and about z."""
 FREE = np.eye(6)
@@ -185,12 +183,11 @@ def register(
         if iteration >= config.iterations:
             break
         step = basis @ np.linalg.solve(hessian + information, -(gradient + information @ offset))
-        size = max(math.hypot(*step[:3].tolist()) / config.still_m, math.hypot(*step[3:].tolist()) / config.still_rad)
-        if share >= 1.0 and size < 1.0:
+        still = math.hypot(*step[:3].tolist()) < config.still_m and math.hypot(*step[3:].tolist()) < config.still_rad
+        if share >= 1.0 and still:
             break
         T = moved_camera(T, step)
-        # So near, all points lead on.
-        iteration = coarse_iterations if iteration < coarse_iterations and size < _NEAR_STEPS else iteration + 1
+        iteration += 1
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
     distance = equations.distance_m[np.isfinite(equations.distance_m)]
     cut = 2.0 * config.field_deviation_m
