@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from anm_mj.utils.read_file import read_bytes
 FOLDER = "anm_mj_folder"
 """Attribute of a model: the folder of its file, from which relative paths start."""
 _MAX_DEPTH = 16
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _NO_MODEL = (
     "Not found: the models {names}, which are left out; give the folders that hold them with --model-path, "
     "or in GZ_SIM_RESOURCE_PATH or GAZEBO_MODEL_PATH."
@@ -151,8 +153,12 @@ def _merge(parent: ET.Element, model: ET.Element) -> None:
 def _parse(file: Path) -> ET.Element:
     try:
         # Gazebo reads a file with blank lines before its declaration too.
-        content = expanded(file) if file.suffix.lower() == XACRO else read_bytes(file)
-        return ET.fromstring(content.lstrip())
+        content = (expanded(file) if file.suffix.lower() == XACRO else read_bytes(file)).lstrip()
+        try:
+            return ET.fromstring(content)
+        except ET.ParseError:
+            # Gazebo takes comments that XML forbids, those with two hyphens in them.
+            return ET.fromstring(_COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), content))
     except ET.ParseError as err:
         raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:
