@@ -1,4 +1,5 @@
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -8,6 +9,8 @@ from anm_mj.bench.generated_scene import GeneratedScene, provide
 from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.suite import suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
+from anm_mj.cli import command_line
+from anm_mj.cli.main import COMMANDS, PROGRAM
 from anm_mj.errors import SceneError
 from anm_mj.scene.budget import BASE_STEPS, STEPS_PER_M2, default_steps
 from anm_mj.sim.reality import REALITIES
@@ -60,7 +63,28 @@ def test_the_real_world_is_tried_in_the_buildings_that_judge(cache):
 def test_scenes_of_others_say_where_they_come_from():
     sweeps, imported = read_sweeps(suite_file("open"))
     assert {scene for sweep in sweeps for scene in sweep.scenes} == set(imported)
-    assert all(isinstance(scene, ImportedScene) and len(scene.hash) == 64 for scene in imported.values())
+    assert len({scene.repository for scene in imported.values()}) >= 8
+    assert len({scene.hash for scene in imported.values()}) == len(imported)
+    for name, scene in imported.items():
+        assert isinstance(scene, ImportedScene)
+        assert len(scene.hash) == 64
+        assert not set(scene.commit) <= {"0"}
+        clone, checkout, make = scene.instructions.split("\n")
+        assert clone.split() == ["git", "clone", scene.repository, f"{name}_source"]
+        assert checkout.endswith(scene.commit)
+        words = shlex.split(make)
+        assert words[:5] == ["anm-mj", "scene", "import", scene.file, f"$ANM_MJ_SCENES/{name}"]
+        command_line.parse(*command_line.find(PROGRAM, COMMANDS, words[1:]))
+
+
+def test_the_docs_list_the_scenes_of_others_with_their_licence():
+    _, imported = read_sweeps(suite_file("open"))
+    listed = (ROOT / "docs" / "benchmarks.md").read_text()
+    sources = (ROOT / "docs" / "sources.md").read_text()
+    for name, scene in imported.items():
+        row = rf"^\| `{name}` \|.*\| {re.escape(scene.licence)} \| [0-9.]+ \| [0-9]+ \|$"
+        assert re.search(row, listed, re.MULTILINE), name
+        assert f"({scene.repository})" in sources
 
 
 OTHERS = {
