@@ -46,14 +46,6 @@ def test_poses_are_nested_and_angles_are_roll_pitch_yaw(tmp_path):
     assert np.allclose(bounds_of(parts), [[8.5, 0.0, 4.5], [9.5, 2.0, 5.5]])
 
 
-def test_comments_that_xml_forbids_are_taken_as_gazebo_takes_them(tmp_path):
-    note = "<!-- not -- \n yet: the first end --> of a comment --> counts"
-    parts, _ = read_parts(write_world(tmp_path / "w.sdf", note + box("a") + "<!-- --" + box("b") + "-->"))
-    assert [part.part for part in parts] == ["a/l"]
-    with pytest.raises(SceneError, match="line 4"):
-        read_parts(write_world(tmp_path / "open.sdf", f"{note}\n\n<model>"))
-
-
 @pytest.mark.parametrize(
     ("pose", "bounds"),
     [
