@@ -45,9 +45,8 @@ FORMATS = {
     "esdf": Format("volume.export_esdf", "a slice of the Euclidean distance field: esdf.npz", long=True),
     "route": Format("floor_plan.export_route", "the Voronoi graph for nav2's route server: route.geojson"),
     "figures": Format("figures.export_figures", "top-down map and curve as PNG, PDF and SVG"),
-    "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, package="mcap", timed=True),
     "rosbag": Format(
-        "rosbag.export_rosbag", "everything over time: a ROS 2 bag", long=True, package="rosbags", timed=True
+        "rosbag.export_rosbag", "everything over time: a ROS 2 bag in MCAP", long=True, package="rosbags", timed=True
     ),
 }
 ALL = "all"
@@ -61,7 +60,7 @@ def export_run(
     on_progress: Callable[[str, int, int], None] = lambda name, done, total: None,
     start_s: float | None = None,
 ) -> list[Path]:
-    """Write a run in other formats.
+    """Write a run in other formats. Returns the files and folders written.
 
     Args:
         run: The run folder.
@@ -71,9 +70,6 @@ def export_run(
         on_progress: Called with the format's name and what is done and in all.
         start_s: When the run began, for what is played over time [s since 1970]; None = as the run says, 0 = times
             count from the run's start.
-
-    Returns:
-        The files and folders written.
 
     Raises:
         RunFolderError: There is no such format, the run lacks what it needs, or the folder cannot be written.

@@ -36,9 +36,10 @@ def export_rosbag(run: Run, out: Path, on_progress: Progress = unheard) -> list[
 
     ``/tf`` and ``/tf_static`` (``map``, ``odom``, ``base_link``, ``camera_link``, ``camera_optical_frame``), ``/odom``,
     ``/camera/color/image_raw/compressed``, ``/camera/color/camera_info``, ``/camera/depth/image_raw`` (16UC1,
-    millimetres), ``/camera/depth/camera_info``, ``/plan``, and at the end ``/map`` and ``/surface``. Poses are those
-    that the robot believed, so ``odom`` lies where ``map`` does. ``/tf_static``, ``/map`` and ``/surface`` are latched.
-    Raises RunFolderError if the package rosbags is missing, a file of the run is damaged, or the bag cannot be written.
+    millimetres), ``/camera/depth/camera_info``, ``/plan``, ``/plan/reason``, and at the end ``/map`` and ``/surface``.
+    Poses are those that the robot believed, so ``odom`` lies where ``map`` does. ``/tf_static``, ``/map`` and
+    ``/surface`` are latched. Raises RunFolderError if the package rosbags is missing, a file of the run is damaged, or
+    the bag cannot be written.
     """
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
@@ -114,6 +115,8 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
         decided = int(timeline.plan_of_frame[index])
         if decided >= 0 and run.plans[decided]["step"] == frame.step:
             to.write("/plan", now, to.path(now, MAP, timeline.plan(decided).path_xy_m))
+            reason = run.plans[decided].get("reason", "")
+            to.write("/plan/reason", now, to.make("std_msgs/msg/String", data=reason))
         on_progress(index + 1, timeline.num_frames)
     last = run.frames[-1].time_s
     if run.folder.survey.is_file():

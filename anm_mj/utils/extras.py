@@ -6,7 +6,6 @@ EXTRAS = {
     "dm_env": "environments",
     "gymnasium": "environments",
     "stable_baselines3": "learn",
-    "mcap": "mcap",
     "rosbags": "ros",
     "cyclonedds": "ros",
     "robot_descriptions": "robots",
@@ -19,10 +18,8 @@ EXTRAS = {
 
 
 def missing_package(error: ModuleNotFoundError) -> str | None:
-    """What to say where a package is not installed: one sentence with the command that installs it.
-
-    Returns:
-        The sentence; None where the module belongs to no extra.
+    """What to say where a package is not installed: one sentence with the command that installs it. Returns the
+    sentence; None where the module belongs to no extra.
     """
     module = (error.name or "").partition(".")[0]
     return install(module) if module in EXTRAS else None
