@@ -21,7 +21,7 @@ from anm_mj.bench.job import Job
 from anm_mj.bench.oracle_run import turn_of
 from anm_mj.bench.overview_figure import draw_overview
 from anm_mj.bench.read_result import finished, read_result, revision_text
-from anm_mj.bench.report_page import BADGE, CARD, badge_svg, data_card, headline, write_page
+from anm_mj.bench.report_page import CARD, data_card, write_page
 from anm_mj.bench.results_table import tidy_rows, write_csv
 from anm_mj.bench.run_result import Result, by_budget
 from anm_mj.bench.scene_figure import draw_scene
@@ -71,8 +71,8 @@ def run_bench(
     """Make the missing runs, then write tables and pictures of all.
 
     Writes ``report.html`` (all in one page), ``results.csv`` (a row per run and budget), ``table.md``,
-    ``data_card.md``, ``badge.svg``, ``curves_<scene>`` (PNG, PDF, SVG), ``scene_<scene>.png``, ``overview.png`` and
-    ``command.txt``; the runs lie in ``runs/``. Tables are also written from time to time, to look at while the
+    ``data_card.md``, ``curves_<scene>`` (PNG, PDF, SVG), ``scene_<scene>.png``, ``overview.png`` and ``command.txt``;
+    the runs lie in ``runs/``. Tables are also written from time to time, to look at while the
     comparison runs.
 
     Args:
@@ -194,10 +194,8 @@ def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:
 
 
 def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[str] = KINDS) -> None:
-    """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics.
-
-    Raises:
-        BenchError: A file of a run is damaged, or one cannot be written.
+    """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics. Raises
+    BenchError if a file of a run is damaged, or one cannot be written.
     """
     results = [read_result(out / "runs" / job.name, job) for job in finished(jobs, out / "runs")]
     if not results:
@@ -213,11 +211,7 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
         title = f"Comparison {out.resolve().name}"
         card = data_card(rows, title, command)
         write_text(out / CARD, card)
-        about = headline(rows)
-        badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
-        if badge:
-            write_text(out / BADGE, badge)
-        write_page(out, title, table, card, badge, pictures)
+        write_page(out, title, table, card, pictures)
 
 
 def _draw(jobs: Sequence[Job], results: Sequence[Result], out: Path, kinds: Sequence[str]) -> dict[str, list[Path]]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from anm_mj.bench.markdown_table import Rows, heading, split_by, table
+import numpy as np
+
+from anm_mj.bench.markdown_table import Rows, heading, split_by, table, with_interval
 from anm_mj.bench.statistics import PairedDifference, holm, paired_difference
 
 DIFFERENCES = (
@@ -51,7 +53,8 @@ def difference_table(
         without = "–" if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
         cells = [name, str(len(area.by_scene)), str(area.num_pairs), _ahead(area), without]
         cells += [_p_value(p_value)] if tested else []
-        cells += [_cell(one, decimals) for one, (_, _, decimals) in zip(differences, DIFFERENCES, strict=True)]
+        for one, (_, _, decimals) in zip(differences, DIFFERENCES, strict=True):
+            cells.append(with_interval(np.zeros(0) if one is None else one.by_scene, f"+.{decimals}f"))
         lines.append(cells)
     headings = ["against", "scenes", "pairs", "ahead", "without one", *(["p"] if tested else [])]
     headings += [name for _, name, _ in DIFFERENCES]
@@ -66,13 +69,3 @@ def _ahead(area: PairedDifference) -> str:
 
 def _p_value(p_value: float | None) -> str:
     return "–" if p_value is None else "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
-
-
-def _cell(difference: PairedDifference | None, decimals: int) -> str:
-    if difference is None:
-        return "–"
-    text = f"{difference.mean:+.{decimals}f}"
-    if difference.interval is None:
-        return text
-    low, high = difference.interval
-    return f"{text} [{low:+.{decimals}f}, {high:+.{decimals}f}]"

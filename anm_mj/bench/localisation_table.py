@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
-from jaxtyping import Float
 
 from anm_mj.bench.job import CONDITIONS
-from anm_mj.bench.markdown_table import Rows, heading, numbers, split_by, table
+from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table, with_interval
 from anm_mj.bench.run_result import split_settings
-from anm_mj.bench.statistics import LEAST_SCENES, TASK, bootstrap_interval, paired_difference
+from anm_mj.bench.statistics import LEAST_SCENES, TASK, paired_difference
 
 RMSE = "position_rmse_cm"
 COLUMNS = (
@@ -51,12 +48,11 @@ def localisation_table(rows: Rows, by: str) -> str:
         cells = [name, str(len(scenes)), str(len(own))]
         for place, (column, _, decimals) in enumerate(COLUMNS):
             per_scene = [found.mean() for here in scenes if len(found := numbers(here, column))]
-            cells.append(_with_interval(np.array(per_scene), f".{decimals}f"))
+            cells.append(with_interval(np.array(per_scene), f".{decimals}f"))
             if place < PAIRED:
                 pair = paired_difference(own, exact, column, SAME)
-                cells.append(_with_interval(np.zeros(0) if pair is None else pair.by_scene, f"+.{decimals}f"))
-        ends = Counter(row["stop_reason"] for row in own if row.get("stop_reason")).most_common()
-        lines.append([*cells, ", ".join(f"{reason} {count}" for reason, count in ends)])
+                cells.append(with_interval(np.zeros(0) if pair is None else pair.by_scene, f"+.{decimals}f"))
+        lines.append([*cells, ended_by(own)])
     if not lines:
         return ""
     headings = ["policy", "scenes", "runs"]
@@ -71,14 +67,3 @@ def _other_settings(text: str) -> str:
     """Settings, as the results table has them, without those of the pose."""
     robot, others = split_settings(text)
     return " ".join(one for one in (*robot, *others) if not one.startswith(OF_THE_POSE))
-
-
-def _with_interval(by_scene: Float[np.ndarray, " scenes"], form: str) -> str:
-    """Mean over scenes, and its interval where they are enough."""
-    if not len(by_scene):
-        return "–"
-    text = format(by_scene.mean(), form)
-    if len(by_scene) < LEAST_SCENES:
-        return text
-    low, high = bootstrap_interval(by_scene)
-    return f"{text} [{low:{form}}, {high:{form}}]"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
 
 from anm_mj.bench.job import CONDITIONS, each_setting, variant
-from anm_mj.bench.markdown_table import Rows, heading, numbers, split_by, table
-from anm_mj.bench.statistics import LEAST_SCENES, TASK, bootstrap_interval
+from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table, with_interval
+from anm_mj.bench.statistics import LEAST_SCENES, TASK
 from anm_mj.sim.reality import IDEAL
 from anm_mj.types import StopReason
 
@@ -72,20 +71,19 @@ def _task(row: dict[str, Any]) -> tuple[Any, ...]:
 
 def _line(pairs: list[tuple[dict[str, Any], dict[str, Any] | None]]) -> list[str]:
     own = [row for row, _ in pairs]
-    reasons = Counter(str(row["stop_reason"]) for row in own if row.get("stop_reason")).most_common()
     cells = [own[0]["variant"], str(len(split_by(own, "scene"))), str(len(own))]
     for column in ("observable_ratio", "observed_f_score"):
         known = [(row, row.get(column)) for row in own]
         shares = [(row, _share(row, other, column)) for row, other in pairs]
-        cells += [_mean(known, with_interval=False), _mean(shares, with_interval=True)]
+        cells += [_mean(known), _mean(shares, interval=True)]
     for column in ("people_contacts", "collisions"):
         counts = numbers(own, column)
         cells.append(f"{counts.sum():.0f}" if len(counts) else "–")
-    cells.append(_mean([(row, row.get("lost_percent")) for row in own], with_interval=False))
+    cells.append(_mean([(row, row.get("lost_percent")) for row in own]))
     lost = sum(row.get("stop_reason") == StopReason.LOST for row in own)
     cells += [str(lost), str(sum(_is_false_end(row, other) for row, other in pairs))]
-    cells.append(_mean([(row, row.get("hz")) for row in own], with_interval=False))
-    return [*cells, ", ".join(f"{reason} {count}" for reason, count in reasons)]
+    cells.append(_mean([(row, row.get("hz")) for row in own]))
+    return [*cells, ended_by(own)]
 
 
 def _share(row: dict[str, Any], ideal: dict[str, Any] | None, column: str) -> float | None:
@@ -101,16 +99,13 @@ def _is_false_end(row: dict[str, Any], ideal: dict[str, Any] | None) -> bool:
     return is_early and share is not None and share < FALSE_SHARE
 
 
-def _mean(values: list[tuple[dict[str, Any], float | None]], *, with_interval: bool) -> str:
+def _mean(values: list[tuple[dict[str, Any], float | None]], *, interval: bool = False) -> str:
     """Mean over scenes of each scene's mean over the runs that have a number."""
     by_scene: dict[str, list[float]] = {}
     for row, value in values:
         if value is not None and np.isfinite(value):
             by_scene.setdefault(row["scene"], []).append(value)
     means = np.array([np.mean(found) for found in by_scene.values()])
-    if not len(means):
-        return "–"
-    if not with_interval or len(means) < LEAST_SCENES:
-        return f"{means.mean():.1f}"
-    low, high = bootstrap_interval(means)
-    return f"{means.mean():.1f} [{low:.1f}, {high:.1f}]"
+    if interval:
+        return with_interval(means, ".1f")
+    return f"{means.mean():.1f}" if len(means) else "–"

@@ -1,4 +1,4 @@
-"""The page of a comparison, one HTML file with its tables and pictures; its data card and its badge.
+"""The page of a comparison, one HTML file with its tables and pictures, and its data card.
 
 The page fetches nothing.
 """
@@ -10,15 +10,13 @@ import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from markdown_it import MarkdownIt
 
 from anm_mj.bench.job import variant
-from anm_mj.bench.markdown_table import Rows, numbers, split_by
-from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
+from anm_mj.bench.markdown_table import Rows, split_by
 from anm_mj.utils.files import write_text
 
-PAGE, CARD, BADGE = "report.html", "data_card.md", "badge.svg"
+PAGE, CARD = "report.html", "data_card.md"
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; color: #1f1f1f; }
 table { border-collapse: collapse; font-size: 13px; display: block; overflow-x: auto; }
@@ -57,26 +55,19 @@ else it did; all others repeat byte for byte on the same type of machine.
 """
 
 
-def write_page(
-    out: Path, title: str, table: str, card: str, badge: str, pictures: Mapping[str, Sequence[Path]]
-) -> None:
-    """Write ``report.html``.
+def write_page(out: Path, title: str, table: str, card: str, pictures: Mapping[str, Sequence[Path]]) -> None:
+    """Write ``report.html``. Raises OSError if the file cannot be written, or a picture cannot be read.
 
     Args:
         out: Folder of the comparison.
         title: Name of the comparison.
         table: Its tables, in Markdown.
         card: Its data card, in Markdown.
-        badge: Its badge, as SVG.
         pictures: PNG files by the heading that they stand under; those of the empty heading come first.
-
-    Raises:
-        OSError: The file cannot be written, or a picture cannot be read.
     """
     render = MarkdownIt("commonmark", {"html": False}).enable("table").render
-    parts = [f"<h1>{html.escape(title)}</h1>", badge]
     introduction, *sections = table.split("\n## ")
-    parts += [render(introduction), *map(_image, pictures.get("", ()))]
+    parts = [f"<h1>{html.escape(title)}</h1>", render(introduction), *map(_image, pictures.get("", ()))]
     for section in sections:
         heading, _, body = section.partition("\n")
         parts += [f"<h2>{html.escape(heading)}</h2>", *map(_image, pictures.get(heading, ())), render(body)]
@@ -110,32 +101,3 @@ def data_card(rows: Rows, title: str, command: str) -> str:
     variants = ", ".join(f"`{name}`" for name in dict.fromkeys(map(variant, rows)))
     revisions = ", ".join(f"`{name}`" for name in sorted(split_by(rows, "revision")))
     return _CARD.format(title=title, command=command, scenes="\n".join(scenes), variants=variants, revisions=revisions)
-
-
-def headline(rows: Rows) -> tuple[str, float] | None:
-    """The variant that a comparison is about, and its area under the curve as a share of the best known [%].
-
-    That is a policy of the user's own where there is one, else the default one; None where no oracle has run. Of
-    several budgets the first one counts.
-    """
-    known = [row for row in rows if np.isfinite(row["share_of_best_auc"]) and not needs_truth(row["policy"])]
-    known = [row for row in known if row["budget_by"] == known[0]["budget_by"]]
-    own = [row for row in known if ":" in row["policy"]] or [row for row in known if row["policy"] == DEFAULT_POLICY]
-    if not own:
-        return None
-    name = variant(own[0])
-    per_scene = split_by([row for row in own if variant(row) == name], "scene")
-    return name, float(np.mean([numbers(here, "share_of_best_auc").mean() for here in per_scene.values()]))
-
-
-def badge_svg(label: str, value: str) -> str:
-    """Two words on a small plate."""
-    left, right = 7 * len(label) + 14, 7 * len(value) + 14
-    text = 'font-family="Verdana, sans-serif" font-size="11" fill="#fff"'
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
-        f'aria-label="{html.escape(label)}: {html.escape(value)}">'
-        f'<rect width="{left}" height="20" fill="#444"/><rect x="{left}" width="{right}" height="20" fill="#2b6ca3"/>'
-        f'<text x="7" y="14" {text}>{html.escape(label)}</text>'
-        f'<text x="{left + 7}" y="14" {text}>{html.escape(value)}</text></svg>\n'
-    )

@@ -44,11 +44,6 @@ class PairedDifference:
         return float(self.by_scene.mean())
 
     @property
-    def interval(self) -> tuple[float, float] | None:
-        """95 % bootstrap interval over scenes; None with too few of them."""
-        return bootstrap_interval(self.by_scene) if len(self.by_scene) >= LEAST_SCENES else None
-
-    @property
     def without_one(self) -> tuple[float, float] | None:
         """Least and largest mean without any one scene; None with fewer than two."""
         count = len(self.by_scene)
@@ -79,16 +74,13 @@ def paired_difference(
     column: str,
     same: Sequence[str] = (*TASK, *PLATFORM),
 ) -> PairedDifference | None:
-    """Difference of a column between the runs of two variants that form pairs.
+    """Difference of a column between the runs of two variants that form pairs. Returns None if there is no pair.
 
     Args:
         first: rows of the results table of one variant.
         second: those of the other, which is subtracted.
         column: the column; pairs in which one run lacks it are left out.
         same: columns in which the runs of a pair agree.
-
-    Returns:
-        None if there is no pair.
     """
     other = {tuple(row[key] for key in same): row for row in second}
     per_scene: dict[str, list[float]] = {}

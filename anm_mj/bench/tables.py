@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from typing import Any
 
 from anm_mj.bench.best_known import BEST
@@ -11,7 +10,7 @@ from anm_mj.bench.difference_table import difference_table
 from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
 from anm_mj.bench.localisation_table import COLUMNS as OF_THE_POSE
 from anm_mj.bench.localisation_table import PAIRED, localisation_table
-from anm_mj.bench.markdown_table import Rows, heading, numbers, split_by, table
+from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table
 from anm_mj.bench.reality_table import reality_table
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK
@@ -243,8 +242,7 @@ def _means(rows: Rows, scenes: list[str], names: list[str]) -> str:
             values = numbers(own, column)
             count = f" ({len(values)}/{len(own)})" * (len(values) < len(own))
             cells.append(f"{values.mean():.{decimals}f}{count}" if len(values) >= _least(own, column) else "–")
-        reasons = Counter(row["stop_reason"] for row in variants[name] if row.get("stop_reason")).most_common()
-        lines.append([*cells, ", ".join(f"{reason} {count}" for reason, count in reasons)])
+        lines.append([*cells, ended_by(variants[name])])
     headings = ["policy", *(text for _, text, _ in used), "ended by"]
     return table(headings, lines, text_columns=(0, len(headings) - 1))
 

@@ -1,9 +1,6 @@
 import numpy as np
-import pytest
 
 from anm_mj.bench.overview_figure import draw_overview
-from anm_mj.bench.report_page import badge_svg, headline
-from anm_mj.bench.results_table import tidy_rows
 from anm_mj.bench.run_result import drawn_variants
 from anm_mj.bench.scene_figure import median_run
 from anm_mj.viz.figure_file import KINDS
@@ -25,23 +22,6 @@ def test_the_figure_has_the_same_bytes_every_time(tmp_path):
         assert (tmp_path / f"one.{kind}").read_bytes() == (tmp_path / f"two.{kind}").read_bytes()
 
 
-def test_a_comparison_is_about_the_users_own_policy():
-    rows = tidy_rows([*runs_in("a", POLICIES), *runs_in("b", POLICIES)])
-    name, share = headline(rows) or ("", 0.0)
-    assert name == "my:Own"
-    assert share == pytest.approx(rows[1]["share_of_best_auc"])
-    assert (headline([row for row in rows if ":" not in row["policy"]]) or ("",))[0] == "gvg"
-    assert headline(tidy_rows(runs_in("a", {"gvg": RISE}))) is None
-
-
-def test_the_badge_is_of_the_first_budget():
-    # Both end before the shorter budget.
-    cuts = {"cuts": [["area", 70], ["rooms", 100]]}
-    rows = tidy_rows([result("gvg", RISE[:6], **cuts), result("oracle", [*RISE[:4], 95.0], **cuts)])
-    assert headline(rows) == ("gvg", pytest.approx(rows[0]["share_of_best_auc"]))
-    assert rows[0]["share_of_best_auc"] != pytest.approx(rows[1]["share_of_best_auc"])
-
-
 def test_variants_of_fewer_starts_are_not_drawn_beside_the_others():
     runs = [run for scene in ("a", "b", "c") for run in runs_in(scene, {"gvg": RISE, "random": RISE[:2]})]
     seeds = [result("gvg", RISE, scene_name=scene, seed=k) for scene in ("a", "b", "c") for k in (1, 2)]
@@ -49,12 +29,6 @@ def test_variants_of_fewer_starts_are_not_drawn_beside_the_others():
     assert sorted(map(id, (run for own in drawn.values() for run in own))) == sorted(map(id, [*runs, *seeds]))
     assert count == 1
     assert drawn_variants([*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})])[1] == 0
-
-
-def test_a_badge_holds_its_words():
-    badge = badge_svg("my:<Own>", "87 % of best known AUC")
-    assert "my:&lt;Own&gt;" in badge
-    assert "87 %" in badge
 
 
 def test_the_median_run_is_one_of_the_runs():

@@ -38,7 +38,7 @@ def test_starts_are_averaged_within_their_scene():
     assert difference is not None
     assert difference.mean == pytest.approx((3.0 + 9.0) / 2.0)
     assert (len(difference.by_scene), difference.num_pairs) == (2, 3)
-    assert difference.interval is difference.p_value is None
+    assert difference.p_value is None
     assert difference.without_one == (2.0 + 1.0, 9.0)
 
 
@@ -62,7 +62,7 @@ def test_equal_differences_have_a_certain_mean():
     first, second = rows({(s, 0): 4.0 for s in "abcdef"}), rows({(s, 0): 1.5 for s in "abcdef"})
     difference = paired_difference(first, second, "auc")
     assert difference is not None
-    assert difference.interval == (2.5, 2.5)
+    assert bootstrap_interval(difference.by_scene) == (2.5, 2.5)
     assert difference.p_value == pytest.approx(2.0 / 2**6)
 
 
