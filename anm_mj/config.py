@@ -22,7 +22,7 @@ from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
-from anm_mj.recording.config import RecordConfig
+from anm_mj.recording.record_config import RecordConfig
 from anm_mj.sim.reality import IDEAL, reality_of
 from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig, require_choice
@@ -101,12 +101,9 @@ class RunConfig(SimulationConfig):
     """Settings of the policy: an instance of its class's ``Config``; None = its defaults."""
 
     def __post_init__(self) -> None:
-        """Fill in the policy's default settings and check the options.
-
-        Raises:
-            ConfigError: a choice is unknown or a number out of range.
-            PlanError: there is no such policy.
-            RobotError: the settings of the named robots cannot be read.
+        """Fill in the policy's default settings and check the options. Raises ConfigError if a choice is unknown or a
+        number out of range, PlanError if there is no such policy, and RobotError if the settings of the named robots
+        cannot be read.
         """
         super().__post_init__()
         if self.policy_settings is None:

@@ -42,7 +42,7 @@ from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
-from anm_mj.sequence_check.check import Verdict
+from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import FrameFit, as_line, fit_metrics, frame_fit, misfits, say_misfits
 from anm_mj.sequence_check.report import facts
 from anm_mj.types import Footprint, Observation

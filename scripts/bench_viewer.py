@@ -25,8 +25,8 @@ import numpy as np
 import tyro
 
 from anm_mj.api import explore_scene
-from anm_mj.viz.live_view_server import PageServer
-from anm_mj.viz.meshcat_viewer import MeshcatViewer
+from anm_mj.viz.live_view import LiveView
+from anm_mj.viz.page_server import PageServer
 
 FLOOD = """
 import socket, sys, time
@@ -82,7 +82,7 @@ def _compare_runs(connections: int, scene: str, steps: int, pairs: int) -> None:
 
 def _rate(connections: int, scene: str, steps: int) -> float:
     """Steps a second of a run with so many connections."""
-    viewer = MeshcatViewer()
+    viewer = LiveView()
     port = int(viewer.url.split(":")[2].split("/")[0])
     process: subprocess.Popen[bytes] | None = None
 

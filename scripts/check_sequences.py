@@ -19,10 +19,10 @@ import numpy as np
 import tyro
 from recorded_faults import KINDS, Recording, Walk, faulty, sound, walks
 
-from anm_mj.sequence_check.check import Verdict, check
 from anm_mj.sequence_check.correction import Correction
-from anm_mj.sequence_check.evidence import gather
-from anm_mj.sequence_check.judge import Evidence, Judge
+from anm_mj.sequence_check.correction_trial import CorrectionTrial
+from anm_mj.sequence_check.evidence import Evidence, gather
+from anm_mj.sequence_check.find_faults import Verdict, find_faults
 from anm_mj.sequence_check.misfit import carry, project
 
 COUNTS = 0.01
@@ -33,16 +33,16 @@ def moved(evidence: Evidence, true: Correction) -> float:
     """By what share of their depth points of one frame lie wrong in another, in the mean over the compared pairs."""
     if true.up is not None:
         return np.inf
-    judge, pairs = Judge(evidence), evidence.pairs
+    trial, pairs = CorrectionTrial(evidence), evidence.pairs
     stated = Correction()
     if true.colour_offset_s:
-        poses = judge.view_poses(Correction(time_offset_s=true.colour_offset_s))
-        step = np.linalg.inv(poses) @ judge.view_poses(stated)
-        points = judge.shown(stated).points_m
+        poses = trial.view_poses(Correction(time_offset_s=true.colour_offset_s))
+        step = np.linalg.inv(poses) @ trial.view_poses(stated)
+        points = trial.shown(stated).points_m
         wrong = np.linalg.norm(carry(points, step) - points, axis=-1) / points[..., 2]
         return float(np.nanmean(wrong))
     if true.mirrored:
-        shown, poses = judge.shown(stated).points_m[pairs[:, 0]], judge.view_poses(stated)
+        shown, poses = trial.shown(stated).points_m[pairs[:, 0]], trial.view_poses(stated)
         T = np.linalg.inv(poses[pairs[:, 1]]) @ poses[pairs[:, 0]]
         flip = np.array([-1.0, 1.0, 1.0], np.float32)
         should = carry(shown * flip, T) * flip
@@ -50,7 +50,7 @@ def moved(evidence: Evidence, true: Correction) -> float:
         return float(np.nanmean(np.clip(wrong, 0.0, 1.0)))
     there = []
     for correction in (stated, true):
-        poses, shown = judge.view_poses(correction), judge.shown(correction)
+        poses, shown = trial.view_poses(correction), trial.shown(correction)
         T = np.linalg.inv(poses[pairs[:, 1]]) @ poses[pairs[:, 0]]
         there.append((carry(shown.points_m[pairs[:, 0]], T), shown.camera))
     (said, camera), (truly, true_camera) = there
@@ -134,7 +134,7 @@ def _judged(made: Recording) -> tuple[Verdict, Evidence, float]:
     begin = time.perf_counter()
     evidence = gather(made.sequence)
     assert evidence is not None, "a simulated recording can be read"
-    verdict = check(evidence, depth_unit_m=made.sequence.depth_unit_m, up="z")
+    verdict = find_faults(evidence, depth_unit_m=made.sequence.depth_unit_m, up="z")
     return verdict, evidence, time.perf_counter() - begin
 
 

@@ -26,7 +26,6 @@ from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
-from anm_mj.sequence_check.check import UNITS_M
 from anm_mj.sequence_check.correction import (
     Correction,
     all_axes,
@@ -35,6 +34,7 @@ from anm_mj.sequence_check.correction import (
     inverse,
     is_left_handed,
 )
+from anm_mj.sequence_check.find_faults import UNITS_M
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.sensor_presets import sensor_config

@@ -185,7 +185,7 @@ def check_ffmpeg() -> Check:
 def check_port() -> Check:
     """The port of the live view."""
     try:
-        from anm_mj.viz.live_view_server import PageServer
+        from anm_mj.viz.page_server import PageServer
 
         server = PageServer()
     except (ImportError, RenderError) as err:

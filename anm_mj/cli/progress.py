@@ -223,9 +223,9 @@ def live_view(title: str | None, port: int | None, interrupt: Interrupt) -> Iter
     if title is None:
         yield []
         return
-    from anm_mj.viz.meshcat_viewer import MeshcatViewer
+    from anm_mj.viz.live_view import LiveView
 
-    viewer = MeshcatViewer(port=port, title=title, is_ending=lambda: interrupt.is_requested)
+    viewer = LiveView(port=port, title=title, is_ending=lambda: interrupt.is_requested)
     try:
         yield [viewer]
     finally:

@@ -36,7 +36,7 @@ def view(
     from anm_mj.replay.page import pair_page, replay_page
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import write_text
-    from anm_mj.viz.live_view_server import FIRST_PORT, PageServer
+    from anm_mj.viz.page_server import FIRST_PORT, PageServer
 
     console = PlainConsole()
     timelines = [read_timeline(path) for path in (run, other) if path is not None]

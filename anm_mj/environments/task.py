@@ -18,7 +18,7 @@ from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
-from anm_mj.frames import wrap_angle
+from anm_mj.frames import relative_pose, wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced, reduce_depth
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene
@@ -31,13 +31,6 @@ def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h 
     """Depth in the convention of depth cameras [m]: 0, not NaN or infinite, where nothing was measured in range."""
     # NaN and infinity fail the comparison.
     return np.where(depth_m <= MAX_DEPTH_M, depth_m, np.float32(0.0))
-
-
-def relative_pose(start: Pose2, pose: Pose2) -> Float32[np.ndarray, "3"]:
-    """A pose in the frame of ``start``: x [m], y [m], yaw [rad]."""
-    c, s = math.cos(start.yaw_rad), math.sin(start.yaw_rad)
-    dx, dy = pose.x_m - start.x_m, pose.y_m - start.y_m
-    return np.array([c * dx + s * dy, c * dy - s * dx, wrap_angle(pose.yaw_rad - start.yaw_rad)], np.float32)
 
 
 class ExploreTask(control.Task):
@@ -171,8 +164,11 @@ class ExploreTask(control.Task):
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, np.ndarray]:
         """The learner's observation; see ``observation_spec``."""
         del physics
+        here = relative_pose(self._start, self._view.pose)
         observation = OrderedDict(
-            rgb=self._view.rgb, depth=sensed_depth(self._view.depth_m), pose=relative_pose(self._start, self._view.pose)
+            rgb=self._view.rgb,
+            depth=sensed_depth(self._view.depth_m),
+            pose=np.array([here.x_m, here.y_m, here.yaw_rad], np.float32),
         )
         if self._map is not None and self._config.topdown:
             observation["topdown"] = self._map.crop(self._view.pose)

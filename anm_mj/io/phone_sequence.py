@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, defstruct
 
 from anm_mj.frames import T_GL_CV
 from anm_mj.io.frame_cameras import with_cameras
@@ -62,27 +62,12 @@ def read_stray(folder: Path) -> Sequence:
     return _whole(folder, frames, cameras)
 
 
-class _PolycamCamera(Struct):
-    """A file of ``keyframes/cameras``: three rows of the pose with the axes of OpenGL."""
-
-    fx: Number
-    fy: Number
-    cx: Number
-    cy: Number
-    width: Pixels
-    height: Pixels
-    t_00: Number
-    t_01: Number
-    t_02: Number
-    t_03: Number
-    t_10: Number
-    t_11: Number
-    t_12: Number
-    t_13: Number
-    t_20: Number
-    t_21: Number
-    t_22: Number
-    t_23: Number
+_POSE = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
+_PolycamCamera: Any = defstruct(
+    "_PolycamCamera",
+    [*((name, Number) for name in ("fx", "fy", "cx", "cy", *_POSE)), ("width", Pixels), ("height", Pixels)],
+)
+"""A file of ``keyframes/cameras``: three rows of the pose with the axes of OpenGL."""
 
 
 def read_polycam(folder: Path) -> Sequence:
@@ -100,7 +85,7 @@ def read_polycam(folder: Path) -> Sequence:
     for path, time_s in zip(files, times, strict=True):
         said = convert(read_json(path), _PolycamCamera)
         matrix = np.eye(4)
-        matrix[:3] = [[getattr(said, f"t_{row}{col}") for col in range(4)] for row in range(3)]
+        matrix[:3] = np.reshape([getattr(said, name) for name in _POSE], (3, 4))
         colour = _existing(place / f"{prefix}images", path.stem, (".jpg", ".png"))
         trust = place / "confidence" / f"{path.stem}.png"
         depth = place / "depth" / f"{path.stem}.png"

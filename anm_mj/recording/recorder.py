@@ -26,7 +26,7 @@ from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
-from anm_mj.recording.config import RecordConfig
+from anm_mj.recording.record_config import RecordConfig
 from anm_mj.recording.run_log import RunLog
 from anm_mj.types import Action, ActionResult, ExploredState, MapUpdate, Observation, Plan, Pose2, TrueView
 from anm_mj.utils.background import Background

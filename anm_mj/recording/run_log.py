@@ -21,7 +21,7 @@ from anm_mj.io.sequence_poses import time_text
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
-from anm_mj.recording.config import RecordConfig
+from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, TrueView
 
 SMALL_QUALITY, FULL_QUALITY = 80, 95

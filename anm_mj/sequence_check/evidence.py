@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float64, Int64
 
 from anm_mj.errors import AnmError
 from anm_mj.io.sequence import Sequence
 from anm_mj.sequence_check.choose_frames import compared_frames
-from anm_mj.sequence_check.judge import Evidence
-from anm_mj.sequence_check.views import reduced_camera, reduced_view
+from anm_mj.sequence_check.views import View, reduced_camera, reduced_view
+from anm_mj.types import Intrinsics
 
 _FEWEST_POINTS = 30
 """A view with fewer pixels of depth tells nothing."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a sequence states, and what of it was read."""
+
+    poses: Float64[np.ndarray, "n 4 4"]
+    """Of all frames, as stated."""
+    times_s: Float64[np.ndarray, " n"]
+    views: tuple[View, ...]
+    camera: Intrinsics
+    """Of the views, as stated."""
+    pairs: Int64[np.ndarray, "d 2"]
+    """Indices into the views, each pair both ways round, one after the other."""
 
 
 def gather(sequence: Sequence) -> Evidence | None:

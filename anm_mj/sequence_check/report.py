@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from anm_mj.io.sequence import Sequence
-from anm_mj.sequence_check.check import Finding, Verdict
 from anm_mj.sequence_check.correction import AXES_NAMES, Correction
+from anm_mj.sequence_check.find_faults import Finding, Verdict
 
 
 def options(correction: Correction, sequence: Sequence, given: Correction) -> list[str]:

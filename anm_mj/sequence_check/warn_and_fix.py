@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 from anm_mj.errors import ConfigError
 from anm_mj.io.sequence import Sequence
-from anm_mj.sequence_check.apply import corrected_sequence
-from anm_mj.sequence_check.check import Verdict, check
+from anm_mj.sequence_check.corrected_sequence import corrected_sequence
 from anm_mj.sequence_check.correction import Correction, combined
 from anm_mj.sequence_check.evidence import gather
+from anm_mj.sequence_check.find_faults import Verdict, find_faults
 from anm_mj.sequence_check.report import explanation, options
 
 _logger = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ class BeforeMapping:
         evidence = gather(prepared)
         if evidence is None:
             return corrected_sequence(sequence, self.given), up
-        self.verdict = check(
+        self.verdict = find_faults(
             evidence,
             depth_unit_m=prepared.depth_unit_m,
             up=None if self.keeps_up else up,

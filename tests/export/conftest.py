@@ -5,7 +5,7 @@ import pytest
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.recording.config import RecordConfig
+from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import Pose2
 from tests.box_room import new_recorder, observe
 from tests.replay.conftest import box_run

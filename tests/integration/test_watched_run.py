@@ -8,7 +8,7 @@ from tornado.websocket import websocket_connect
 
 from anm_mj.config import make_config
 from anm_mj.run import run
-from anm_mj.viz.meshcat_viewer import MeshcatViewer
+from anm_mj.viz.live_view import LiveView
 from tests.integration.test_small_scene import without_times
 from tests.scene.small import make_small_scene
 
@@ -42,10 +42,10 @@ def test_a_watched_run_writes_the_same_bytes(tmp_path):
     make_small_scene(tmp_path / "small")
     config = make_config("quick", [], scene=str(tmp_path / "small"), steps=STEPS, seed=2, device="cpu")
     run(config, out=tmp_path / "alone")
-    viewer = MeshcatViewer(port=0)
+    viewer = LiveView(port=0)
     watcher = Watcher(int(viewer.url.split(":")[2].split("/")[0]))
     try:
-        run(config, out=tmp_path / "watched", viewer=viewer)
+        run(config, out=tmp_path / "watched", observers=(viewer,))
     finally:
         viewer.close()
         watcher.join()

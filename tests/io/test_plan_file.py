@@ -6,13 +6,14 @@ from PIL import Image
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.plan_file import PlanRecord, read_plan, write_plan
-from anm_mj.recording.config import RecordConfig
+from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import OCCUPIED, Plan
 from tests.box_room import new_recorder, observe, record_steps, room_plan
 
 
 def test_every_part_of_a_decision_comes_back(tmp_path):
     plan = room_plan()
+    assert plan.topdown is not None
     topdown = dataclasses.replace(plan.topdown, no_floor=plan.topdown.state == OCCUPIED)
     plan = dataclasses.replace(plan, topdown=topdown)
     write_plan(tmp_path / "a.npz", PlanRecord.of(plan))

@@ -11,7 +11,7 @@ from anm_mj.cli.main import main
 from anm_mj.replay.page import _mesh, levels, replay_page
 from anm_mj.replay.surface import GrowingMesh
 from anm_mj.replay.timeline import read_timeline
-from anm_mj.viz.live_view_server import PageServer
+from anm_mj.viz.page_server import PageServer
 from tests.viz.chromium import PROGRAM, Chromium
 
 needs_chromium = pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
+from anm_mj.sequence_check.candidates import Candidate, candidates, colour_candidate, has_clock
 from anm_mj.sequence_check.correction import Correction
-from anm_mj.sequence_check.judge import Evidence, Judge
+from anm_mj.sequence_check.correction_trial import CorrectionTrial
+from anm_mj.sequence_check.evidence import Evidence
 from anm_mj.sequence_check.misfit import COLOUR_WEIGHT, Misfit
-from anm_mj.sequence_check.search import Candidate, candidates, colour_candidate, has_clock
 from anm_mj.sequence_check.vertical import floor_share, other_up
 
 UNITS_M = (1.0 / 1000, 1.0 / 5000, 1.0 / 6553.5, 1.0 / 10000, 1.0 / 4000, 1.0 / 256, 1.0 / 100, 1.0)
@@ -90,28 +91,28 @@ class Verdict:
         return self.corrected.fitting < _CONTRADICTS
 
 
-def check(
+def find_faults(
     evidence: Evidence, *, depth_unit_m: float, up: str | None = None, start: Correction | None = None
 ) -> Verdict:
     """Judge a sequence by the frames that were read of it. ``up`` is the axis that is taken to point up, None = that is
     no question; ``start`` is what is corrected already, and included in the verdict's correction.
     """
-    judge = Judge(evidence)
+    trial = CorrectionTrial(evidence)
     correction, findings = start or Correction(), []
-    first = misfit = judge.misfit(correction)
+    first = misfit = trial.misfit(correction)
     for strictness in _ROUNDS:
-        best = _best_finding(judge, correction, misfit, strictness)
+        best = _best_finding(trial, correction, misfit, strictness)
         if best is None:
             break
-        after = judge.misfit(best.correction)
+        after = trial.misfit(best.correction)
         kind, correction = _named(best, depth_unit_m)
         findings.append(Finding(kind, correction, fit_of(misfit).fitting, fit_of(after).fitting))
         misfit = after
 
     def share(direction: Float64[np.ndarray, "3"]) -> float:
-        return floor_share(judge.shown(correction), judge.view_poses(correction), direction)
+        return floor_share(trial.shown(correction), trial.view_poses(correction), direction)
 
-    axis = None if up is None else other_up(judge.all_poses(correction), up, share)
+    axis = None if up is None else other_up(trial.all_poses(correction), up, share)
     if axis is not None:
         correction = replace(correction, up=axis)
         fitting = fit_of(misfit).fitting
@@ -134,14 +135,14 @@ def fit_of(misfit: Misfit) -> Fit:
     )
 
 
-def _best_finding(judge: Judge, start: Correction, misfit: Misfit, strictness: float) -> Candidate | None:
+def _best_finding(trial: CorrectionTrial, start: Correction, misfit: Misfit, strictness: float) -> Candidate | None:
     """The correction that explains most, if any explains enough."""
     before = misfit.cost
-    found = [(one, _gain(one, before)) for one in candidates(judge, start)]
-    if has_clock(judge) and start.colour_offset_s == 0.0:
-        colour = colour_candidate(judge, start)
+    found = [(one, _gain(one, before)) for one in candidates(trial, start)]
+    if has_clock(trial) and start.colour_offset_s == 0.0:
+        colour = colour_candidate(trial, start)
         share = COLOUR_WEIGHT / (1.0 + COLOUR_WEIGHT)
-        found.append((colour, _gain(colour, judge.colour_cost(start)) * share))
+        found.append((colour, _gain(colour, trial.colour_cost(start)) * share))
     base = float(np.nanmean(before))
     enough = [(one, gain) for one, gain in found if _is_enough(one.kind, gain, base, strictness)]
     return max(enough, key=lambda pair: float(np.nanmean(pair[1])), default=(None, None))[0]

@@ -13,16 +13,14 @@ from anm_mj.sequence_check.correction import Correction, at_times, converted, co
 
 
 def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
-    """The sequence with a correction applied; its up axis is the reader's affair.
+    """The sequence with a correction applied; its up axis is the reader's affair. Raises RunFolderError if no frame is
+    left.
 
     Args:
         sequence: As its files state it.
         correction: What is put right. Poses of another time are interpolated between those of the frames; frames
             before the first pose or after the last one are left out. A colour image is taken from the frame whose time
             comes nearest.
-
-    Raises:
-        RunFolderError: No frame is left.
     """
     if not correction:
         return sequence

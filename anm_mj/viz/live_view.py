@@ -26,7 +26,7 @@ from anm_mj.types import Observation, Plan, StopReason
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, page_program, script_json
-from anm_mj.viz.live_view_server import FIRST_PORT, PageServer
+from anm_mj.viz.page_server import FIRST_PORT, PageServer
 from anm_mj.viz.tint import rgb_of
 
 logger = logging.getLogger(__name__)
@@ -57,19 +57,16 @@ class Meshable(Protocol):
         ...
 
 
-class MeshcatViewer:
+class LiveView:
     """Shows a run on a local web page; the run does not depend on it.
 
     The mesh is updated only while a browser is connected, at most every 20 steps, and takes at most 5 % of the run's
-    time.
+    time. Raises RenderError if no port is free.
 
     Args:
         port: The first port to try; the viewer takes the next free one. None starts at 7000.
         title: What the page is called, such as scene and policy.
         is_ending: Whether somebody else has asked for the end of the run, which then waits for no page.
-
-    Raises:
-        RenderError: No port is free.
     """
 
     def __init__(

@@ -9,10 +9,10 @@ import pytest
 from anm_mj.errors import ConfigError
 from anm_mj.frames import pixel_directions
 from anm_mj.io.sequence import Sequence
-from anm_mj.sequence_check.apply import corrected_sequence
-from anm_mj.sequence_check.check import check
+from anm_mj.sequence_check.corrected_sequence import corrected_sequence
 from anm_mj.sequence_check.correction import Correction, all_axes, axes_matrix, combined
 from anm_mj.sequence_check.evidence import gather
+from anm_mj.sequence_check.find_faults import find_faults
 from anm_mj.sequence_check.report import options
 from anm_mj.sequence_check.warn_and_fix import BeforeMapping
 from tests.sequence_check.conftest import CAMERA, frame, pose_at
@@ -21,7 +21,7 @@ from tests.sequence_check.conftest import CAMERA, frame, pose_at
 def verdict_of(sequence):
     evidence = gather(sequence)
     assert evidence is not None
-    return check(evidence, depth_unit_m=sequence.depth_unit_m, up="z")
+    return find_faults(evidence, depth_unit_m=sequence.depth_unit_m, up="z")
 
 
 def with_poses(sequence, change):

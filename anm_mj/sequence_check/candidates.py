@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.sequence_check.correction import CONVENTIONS, Correction, all_axes
-from anm_mj.sequence_check.judge import Judge
+from anm_mj.sequence_check.correction_trial import CorrectionTrial
 
 SCALES = tuple(np.exp(np.arange(-18, 19) * 0.17)) + tuple(
     factor * 10.0**power for power in (-4, -3, -2, 2, 3, 4) for factor in (0.75, 1.0, 1.35)
@@ -42,13 +42,13 @@ class Candidate:
     """By pair."""
 
 
-def candidates(judge: Judge, start: Correction) -> list[Candidate]:
+def candidates(trial: CorrectionTrial, start: Correction) -> list[Candidate]:
     """The best of each kind of fault, beside what is corrected already; colour's time is another matter."""
     discrete = {
         "mirrored": [replace(start, mirrored=not start.mirrored)],
         "ray": [replace(start, ray_depth=not start.ray_depth)],
     }
-    fits = judge.misfit(start).fits
+    fits = trial.misfit(start).fits
     if not np.isfinite(fits).any() or np.nanmedian(fits) < _SURE:
         discrete |= {
             "poses": [replace(start, convention=name) for name in CONVENTIONS if name != start.convention],
@@ -57,15 +57,15 @@ def candidates(judge: Judge, start: Correction) -> list[Candidate]:
                 replace(start, convention=name, axes=axes) for name in CONVENTIONS[1:] for axes in ("RUB", "FLU")
             ],
         }
-    found = [_best(judge, kind, corrections) for kind, corrections in discrete.items()]
-    found.append(_refined(judge, "scale", SCALES, _by_factor(start, "pose_scale")))
-    found.append(_refined(judge, "focal", FOCAL_SCALES, _by_factor(start, "focal_scale")))
-    if has_clock(judge):
+    found = [_best(trial, kind, corrections) for kind, corrections in discrete.items()]
+    found.append(_refined(trial, "scale", SCALES, _by_factor(start, "pose_scale")))
+    found.append(_refined(trial, "focal", FOCAL_SCALES, _by_factor(start, "focal_scale")))
+    if has_clock(trial):
         found.append(
             _refined(
-                judge,
+                trial,
                 "time",
-                offsets_s(judge),
+                offsets_s(trial),
                 lambda value: replace(start, time_offset_s=start.time_offset_s + value),
                 factor=False,
             )
@@ -73,28 +73,28 @@ def candidates(judge: Judge, start: Correction) -> list[Candidate]:
     return found
 
 
-def has_clock(judge: Judge) -> bool:
+def has_clock(trial: CorrectionTrial) -> bool:
     """Whether the frames have times of their own."""
-    times = judge.evidence.times_s
+    times = trial.evidence.times_s
     return len(times) > 3 and bool((np.diff(times) > 0.0).all())
 
 
-def offsets_s(judge: Judge) -> Float64[np.ndarray, " o"]:
+def offsets_s(trial: CorrectionTrial) -> Float64[np.ndarray, " o"]:
     """Offsets of time to try [s]."""
-    interval = float(np.median(np.diff(judge.evidence.times_s)))
+    interval = float(np.median(np.diff(trial.evidence.times_s)))
     longest = max(_OFFSET_FRAMES * interval, min(_LONGEST_OFFSET_S, _INTERVALS * interval))
     return longest * np.arange(-_OFFSETS, _OFFSETS + 1) / _OFFSETS
 
 
-def colour_candidate(judge: Judge, start: Correction) -> Candidate:
+def colour_candidate(trial: CorrectionTrial, start: Correction) -> Candidate:
     """The best offset of colour's time; its costs are those of colour alone."""
     return _refined(
-        judge,
+        trial,
         "colour",
-        offsets_s(judge),
+        offsets_s(trial),
         lambda value: replace(start, colour_offset_s=start.colour_offset_s + value),
         factor=False,
-        cost=judge.colour_cost,
+        cost=trial.colour_cost,
     )
 
 
@@ -107,16 +107,16 @@ def _by_factor(start: Correction, name: str) -> Callable[[float], Correction]:
     return lambda value: replace(start, **{name: getattr(start, name) * value})
 
 
-def _best(judge: Judge, kind: str, corrections: Sequence[Correction]) -> Candidate:
-    costs = [mean_cost(judge.misfit(correction, thin=True).cost) for correction in corrections]
+def _best(trial: CorrectionTrial, kind: str, corrections: Sequence[Correction]) -> Candidate:
+    costs = [mean_cost(trial.misfit(correction, thin=True).cost) for correction in corrections]
     best = min(costs)
     # Of those that explain the frames alike the first: a camera that only turns cannot tell all axes apart.
     chosen = next(at for at, cost in enumerate(costs) if cost <= best + _ALIKE)
-    return Candidate(kind, corrections[chosen], judge.misfit(corrections[chosen]).cost)
+    return Candidate(kind, corrections[chosen], trial.misfit(corrections[chosen]).cost)
 
 
 def _refined(
-    judge: Judge,
+    trial: CorrectionTrial,
     kind: str,
     values: Sequence[float] | np.ndarray,
     make: Callable[[float], Correction],
@@ -126,8 +126,8 @@ def _refined(
 ) -> Candidate:
     """The best value of a continuous kind: from a grid, then between its neighbours."""
     ordered = sorted(float(value) for value in values)
-    coarse = cost or (lambda correction: judge.misfit(correction, thin=True).cost)
-    fine = cost or (lambda correction: judge.misfit(correction).cost)
+    coarse = cost or (lambda correction: trial.misfit(correction, thin=True).cost)
+    fine = cost or (lambda correction: trial.misfit(correction).cost)
     grid = [mean_cost(coarse(make(value))) for value in ordered]
     at = int(np.argmin(grid))
     low, high = ordered[max(at - 1, 0)], ordered[min(at + 1, len(ordered) - 1)]

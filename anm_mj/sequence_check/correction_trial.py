@@ -1,35 +1,21 @@
-"""Costs of corrections on the frames that were read."""
+"""Tries corrections on the frames that were read."""
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 from anm_mj.sequence_check.correction import Correction, at_times, converted, corrected_camera, inverse, with_axes
+from anm_mj.sequence_check.evidence import Evidence
 from anm_mj.sequence_check.misfit import RIM_WEIGHT, Misfit, colour_misfit, misfit, rim_misfit
 from anm_mj.sequence_check.surfaces import Images, Surfaces, surfaces
 from anm_mj.sequence_check.views import View
-from anm_mj.types import Intrinsics
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """What a sequence states, and what of it was read."""
-
-    poses: Float64[np.ndarray, "n 4 4"]
-    """Of all frames, as stated."""
-    times_s: Float64[np.ndarray, " n"]
-    views: tuple[View, ...]
-    camera: Intrinsics
-    """Of the views, as stated."""
-    pairs: Int64[np.ndarray, "d 2"]
-    """Indices into the views, each pair both ways round, one after the other."""
-
-
-class Judge:
+class CorrectionTrial:
     """Says how well the frames fit each other under a correction."""
 
     def __init__(self, evidence: Evidence) -> None:

@@ -25,8 +25,8 @@ from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.events import Ended
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.types import Pose2, StopReason
-from anm_mj.viz import live_view_server, meshcat_viewer
-from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
+from anm_mj.viz import live_view, page_server
+from anm_mj.viz.live_view import FIRST_MESH_STEP, MESH_EVERY_STEPS, LiveView
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
 
@@ -61,7 +61,7 @@ def completed(step, percent):
 
 @pytest.fixture
 def viewer():
-    viewer = MeshcatViewer(port=0)
+    viewer = LiveView(port=0)
     yield viewer
     viewer.close()
 
@@ -159,7 +159,7 @@ def test_mesh_rate(viewer):
 
 def test_the_mesh_is_made_as_a_whole_when_the_run_has_doubled(viewer, monkeypatch):
     """Parts that are kept since the map was young would stand in shreds."""
-    monkeypatch.setattr(meshcat_viewer, "MESH_TIME_FRACTION", 1e9)
+    monkeypatch.setattr(live_view, "MESH_TIME_FRACTION", 1e9)
     mapper = CountingMap()
 
     async def look():
@@ -240,7 +240,7 @@ def test_a_thousand_connections_that_say_nothing(viewer):
     files = len(os.listdir("/proc/self/fd"))
     try:
         asyncio.run(flood())
-        assert len(os.listdir("/proc/self/fd")) - files - len(held) < live_view_server.MAX_CONNECTIONS + 20
+        assert len(os.listdir("/proc/self/fd")) - files - len(held) < page_server.MAX_CONNECTIONS + 20
         with urllib.request.urlopen(viewer.url, timeout=10) as answer:
             assert b"MeshCat" in answer.read()
     finally:
@@ -253,9 +253,9 @@ def test_a_thousand_connections_that_say_nothing(viewer):
 
 def test_a_flood_of_connections_is_taken_slowly(monkeypatch):
     """The first few at once; the next ones wait for their turns, and are served then."""
-    monkeypatch.setattr(live_view_server, "BURST", 3)
-    monkeypatch.setattr(live_view_server, "TAKEN_PER_S", 2.0)
-    server, begin_s = live_view_server.PageServer(page="hello"), time.monotonic()
+    monkeypatch.setattr(page_server, "BURST", 3)
+    monkeypatch.setattr(page_server, "TAKEN_PER_S", 2.0)
+    server, begin_s = page_server.PageServer(page="hello"), time.monotonic()
     clients = [socket.create_connection(("127.0.0.1", server.port), timeout=60) for _ in range(6)]
     try:
         for number, client in enumerate(clients):
@@ -269,7 +269,7 @@ def test_a_flood_of_connections_is_taken_slowly(monkeypatch):
 
 
 def test_no_more_pages_than_a_few(viewer, monkeypatch):
-    monkeypatch.setattr(live_view_server, "MAX_BROWSERS", 2)
+    monkeypatch.setattr(page_server, "MAX_BROWSERS", 2)
     show(viewer, 1)
 
     async def look():
@@ -300,21 +300,21 @@ def test_broken_map(viewer, caplog):
 
 
 def test_close_frees_the_port():
-    viewer = MeshcatViewer(port=0)
+    viewer = LiveView(port=0)
     port = port_of(viewer)
     show(viewer, 1)
     with socket.create_connection(("127.0.0.1", port)):
         viewer.close()
     viewer.close()
     assert not viewer._server._thread.is_alive()
-    again = MeshcatViewer(port=port)
+    again = LiveView(port=port)
     assert port_of(again) == port
     again.close()
 
 
 def test_next_free_port_is_taken_and_named(caplog):
     caplog.set_level(logging.INFO)
-    first, second = MeshcatViewer(port=7360), MeshcatViewer(port=7360)
+    first, second = LiveView(port=7360), LiveView(port=7360)
     assert port_of(second) > port_of(first) >= 7360
     assert f"ssh -L {port_of(second)}:127.0.0.1:{port_of(second)}" in caplog.text
     first.close()
@@ -322,17 +322,17 @@ def test_next_free_port_is_taken_and_named(caplog):
 
 
 def test_no_free_port_is_one_sentence(monkeypatch):
-    monkeypatch.setattr(live_view_server, "PORTS_TRIED", 1)
+    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(RenderError, match=f"None of the ports {port} to {port} is free .* --port"):
-            MeshcatViewer(port=port)
+            LiveView(port=port)
 
 
 def test_showing_after_the_close_does_nothing():
-    viewer = MeshcatViewer(port=0)
+    viewer = LiveView(port=0)
     viewer.close()
     show(viewer, 2)
 
@@ -344,8 +344,8 @@ def mapped(step):
 
 @pytest.mark.parametrize("ends", ["nobody looks", "Ctrl-C"])
 def test_a_paused_run_waits_neither_for_a_page_that_is_closed_nor_at_ctrl_c(ends, monkeypatch):
-    monkeypatch.setattr(meshcat_viewer, "UNSEEN_S", 0.2 if ends == "nobody looks" else 1e9)
-    viewer = MeshcatViewer(port=0, is_ending=lambda: ends == "Ctrl-C")
+    monkeypatch.setattr(live_view, "UNSEEN_S", 0.2 if ends == "nobody looks" else 1e9)
+    viewer = LiveView(port=0, is_ending=lambda: ends == "Ctrl-C")
     viewer._on_word("pause")
     assert viewer.on_event(mapped(0)) is False
     viewer.close()
@@ -364,7 +364,7 @@ def test_the_last_figure_of_a_run_is_shown(viewer):
 
 @pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")
 def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
-    viewer = MeshcatViewer(port=0, title="box, gvg, seed 0")
+    viewer = LiveView(port=0, title="box, gvg, seed 0")
     text = "document.getElementById('{}').textContent".format
     with Chromium(tmp_path) as browser:
         browser.open(viewer.url, "window.live")
