@@ -68,10 +68,8 @@ if not TYPE_CHECKING:
         return getattr(importlib.import_module(_MODULES.get(name, "anm_mj.api")), name)
 
     def _load_native() -> Any:
-        """The compiled module, for ``from anm_mj import _native``.
-
-        Raises:
-            InstallError: It was not built, does not load, or has no kernel for this processor.
+        """The compiled module, for ``from anm_mj import _native``. Raises InstallError if it was not built, does not
+        load, or has no kernel for this processor.
         """
         from anm_mj.errors import InstallError
 

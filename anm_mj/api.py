@@ -130,28 +130,20 @@ class LoadedRun:
 
     @cached_property
     def curve(self) -> dict[str, np.ndarray]:
-        """Completion against steps: the columns of ``curve.csv``; NaN where unknown.
-
-        Raises:
-            RunFolderError: the file holds no curve.
+        """Completion against steps: the columns of ``curve.csv``; NaN where unknown. Raises RunFolderError if the file
+        holds no curve.
         """
         return read_curve(self.content.folder.curve)
 
     def depth_m(self, step: int) -> np.ndarray:
-        """Reduced depth of the observation after ``step`` actions [m]; NaN where nothing was measured.
-
-        Raises:
-            RunFolderError: the image is missing or damaged.
+        """Reduced depth of the observation after ``step`` actions [m]; NaN where nothing was measured. Raises
+        RunFolderError if the image is missing or damaged.
         """
         depth_mm = self.content.depth_mm(self.content.frames[step])
         return np.where(depth_mm > 0, depth_mm / np.float32(1e3), np.float32(np.nan)).astype(np.float32)
 
     def data_frame(self) -> Any:
-        """The steps as a ``pandas.DataFrame``.
-
-        Raises:
-            AnmError: pandas is not installed.
-        """
+        """The steps as a ``pandas.DataFrame``. Raises AnmError if pandas is not installed."""
         try:
             pandas = importlib.import_module("pandas")
         except ImportError as err:

@@ -146,7 +146,8 @@ def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | No
 
 
 def write_poses(out: Path, path: Path, images: Path, poses: list[ImagePose], error: TrajectoryError | None) -> None:
-    """Write the found poses as TUM file, and all that is known of them as JSON.
+    """Write the found poses as TUM file, and all that is known of them as JSON. Raises RunFolderError if the folder is
+    not empty, or cannot be written.
 
     Args:
         out: A new folder.
@@ -154,9 +155,6 @@ def write_poses(out: Path, path: Path, images: Path, poses: list[ImagePose], err
         images: Folder of the images.
         poses: Of the images, in order.
         error: Of the poses; None where nobody knows.
-
-    Raises:
-        RunFolderError: The folder is not empty, or cannot be written.
     """
     empty_folder(out)
     found = [(pose.time_s, T) for pose in poses if (T := pose.T_world_camera) is not None]

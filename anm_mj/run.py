@@ -128,10 +128,8 @@ def run_loop(
     begin: float,
 ) -> Metrics:
     """The loop and what follows it, from the start or from where a checkpoint was taken. ``begin`` is
-    ``time.perf_counter`` at the start of the program, less the time of an earlier one [s].
-
-    Raises:
-        AnmError: of a stage, or the folder cannot be written.
+    ``time.perf_counter`` at the start of the program, less the time of an earlier one [s]. Raises AnmError where a
+    stage does, or if the folder cannot be written.
     """
     config, mapper = parts.config, parts.mapper
     assert config.steps is not None

@@ -109,10 +109,7 @@ def run_jobs(
 ) -> Iterator[tuple[Job, str | None]]:
     """Make all runs, several in parallel; yields each with its error, or None, as it ends.
 
-    The runs take the EGL devices in turn.
-
-    Raises:
-        BenchError: There is no such executor, or Ray is not installed.
+    The runs take the EGL devices in turn. Raises BenchError if there is no such executor, or Ray is not installed.
     """
     if not jobs and executor in EXECUTORS:
         return

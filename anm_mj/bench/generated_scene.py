@@ -27,10 +27,8 @@ class GeneratedScene(Struct, forbid_unknown_fields=True):
 
 
 def provide(wanted: GeneratedScene) -> Scene:
-    """The scene, generated into the user's cache unless it is there.
-
-    Raises:
-        SceneError: This version makes another scene than the file says, or the cache cannot be written.
+    """The scene, generated into the user's cache unless it is there. Raises SceneError if this version makes another
+    scene than the file says, or the cache cannot be written.
     """
     folder = cache_folder("suites") / f"{wanted.name}-{wanted.rooms}-{wanted.seed}-{wanted.kind}"
     scene = read_scene_folder(folder) if (folder / TOML).is_file() else None

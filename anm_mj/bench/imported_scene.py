@@ -49,10 +49,8 @@ class ImportedScene(Struct, forbid_unknown_fields=True):
 
 
 def find_imported(wanted: ImportedScene) -> Scene:
-    """The scene, from where scenes are looked for.
-
-    Raises:
-        SceneError: It was not imported, or another scene came out than the entry says.
+    """The scene, from where scenes are looked for. Raises SceneError if it was not imported, or another scene came out
+    than the entry says.
     """
     try:
         scene = load_scene(wanted.name)

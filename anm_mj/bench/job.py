@@ -110,11 +110,7 @@ class Job:
         return self.maps or not exact or policy_entry(self.policy).asks_map
 
     def config(self) -> RunConfig:
-        """The configuration of the run.
-
-        Raises:
-            ConfigError: The preset or a setting is not one there is.
-        """
+        """The configuration of the run. Raises ConfigError if the preset or a setting is not one there is."""
         own = {key: getattr(self, key) for key in ("scene", "policy", "steps", "seed")}
         options: dict[str, Any] = {**own, **self.conditions}
         settings = [*(() if self.trains else UNTRAINED), *self.settings]

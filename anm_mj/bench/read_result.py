@@ -48,23 +48,16 @@ def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
 
 
 def read_results(comparison: Path) -> list[Result]:
-    """All finished runs of a comparison's folder, whichever there are.
-
-    Raises:
-        BenchError: A run is damaged.
-    """
+    """All finished runs of a comparison's folder, whichever there are. Raises BenchError if a run is damaged."""
     return [read_result(path.parent) for path in sorted(comparison.glob(f"runs/*/{RESULT}"))]
 
 
 def read_result(folder: Path, of: Job | None = None) -> Result:
-    """A finished run of a comparison.
+    """A finished run of a comparison. Raises BenchError if a file is damaged, or is of another run.
 
     Args:
         folder: Where it lies.
         of: The run that it should be; None = whichever it says.
-
-    Raises:
-        BenchError: A file is damaged, or is of another run.
     """
     manifest = folder / "manifest.json"
     with reading(folder):

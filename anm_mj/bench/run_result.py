@@ -81,30 +81,20 @@ class Result:
         return float(np.trapezoid(values, steps) / self.budget)
 
     def trajectory_xy_m(self) -> Float[np.ndarray, "n 2"]:
-        """Where the robot was, from its start on [m].
-
-        Raises:
-            BenchError: The log of its steps is damaged.
-        """
+        """Where the robot was, from its start on [m]. Raises BenchError if the log of its steps is damaged."""
         with reading(self.folder):
             places = [convert(line, _Place) for line in read_jsonl(self.folder / "steps.jsonl")[: self.budget]]
         return np.array([self.job.start_pose[:2], *((place.x_m, place.y_m) for place in places)])
 
     def decisions_ms(self) -> list[float]:
-        """How long each decision took [ms].
-
-        Raises:
-            BenchError: The log of decisions is damaged.
-        """
+        """How long each decision took [ms]. Raises BenchError if the log of decisions is damaged."""
         with reading(self.folder):
             decisions = [convert(line, _Decision) for line in read_jsonl(self.folder / "plans.jsonl")]
         return [sum(decision.ms.values()) for decision in decisions if decision.ms]
 
     def upper_bound(self) -> Float[np.ndarray, "n 2"] | None:
-        """Step, and the estimated upper bound of what is covered by then [%]; None for runs that no oracle made.
-
-        Raises:
-            BenchError: The file is damaged.
+        """Step, and the estimated upper bound of what is covered by then [%]; None for runs that no oracle made. Raises
+        BenchError if the file is damaged.
         """
         path = self.folder / BOUND
         if not path.exists():
@@ -117,10 +107,8 @@ class Result:
 
     @functools.cached_property
     def cuts(self) -> list[Result]:
-        """The run at each budget of its comparison; itself if there is one only.
-
-        Raises:
-            BenchError: The log of its steps is damaged.
+        """The run at each budget of its comparison; itself if there is one only. Raises BenchError if the log of its
+        steps is damaged.
         """
         return [self._cut(name, steps) for name, steps in self.job.cuts] or [self]
 
@@ -166,10 +154,8 @@ class _Place(Struct):
 
 @contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Say of whatever a run's files lead to which run it was.
-
-    Raises:
-        BenchError: the block raised an error of reading.
+    """Say of whatever a run's files lead to which run it was. Raises BenchError if the block raised an error of
+    reading.
     """
     try:
         yield
@@ -178,10 +164,8 @@ def reading(folder: Path) -> Iterator[None]:
 
 
 def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """Runs by the name of the budget that they are cut at; a run that has several budgets stands under each.
-
-    Raises:
-        BenchError: The log of a run's steps is damaged.
+    """Runs by the name of the budget that they are cut at; a run that has several budgets stands under each. Raises
+    BenchError if the log of a run's steps is damaged.
     """
     found: dict[str, list[Result]] = {}
     for result in results:

@@ -25,10 +25,8 @@ def median_run(runs: Sequence[Result]) -> Result:
 
 
 def draw_scene(path: Path, scene: Scene, results: Sequence[Result]) -> list[Path]:
-    """Draw the plan of a scene with the trajectory of the median run of each variant that ran from all starts.
-
-    Returns:
-        The files.
+    """Draw the plan of a scene with the trajectory of the median run of each variant that ran from all starts. Returns
+    the files.
 
     Raises:
         OSError: A file cannot be written.

@@ -20,11 +20,7 @@ def suite_names() -> tuple[str, ...]:
 
 
 def suite_file(name: str) -> Path:
-    """The file of a suite.
-
-    Raises:
-        BenchError: There is no such suite.
-    """
+    """The file of a suite. Raises BenchError if there is no such suite."""
     if name not in suite_names():
         raise BenchError(f"There is no suite {name!r}; give one of {', '.join(suite_names())}.")
     return _FOLDER / f"{name}.toml"

@@ -1,40 +1,9 @@
-"""The file of a comparison: a small TOML file that becomes a list of runs.
+"""The file of a comparison: a small TOML file that becomes a list of runs (``docs/benchmarks.md`` shows one).
 
-    policies = ["random", "gvg", "oracle"]
-    starts = 3
-    seeds = [0, 1]
-
-    [[sweep]]
-    scenes = ["home"]
-
-    [[sweep]]
-    scenes = ["hospital"]
-    policies = ["gvg", "oracle"]
-    starts = 1
-
-Keys outside of a sweep hold for all sweeps; a file without sweeps is one sweep itself. Every run is one scene, one
-policy, one robot, drive, pose and sensor, one start and one seed.
-
-Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench.generated_scene`):
-
-    [[generated]]
-    name = "office_a"
-    rooms = 12
-    seed = 3
-    kind = "office"
-
-Those of others are named with where they come from (:mod:`anm_mj.bench.imported_scene`):
-
-    [[imported]]
-    name = "house"
-    repository = "https://github.com/owner/repository"
-    commit = "0123456789abcdef0123456789abcdef01234567"
-    file = "worlds/house.world"
-    licence = "MIT"
-
-``reality = ["ideal", "real"]`` runs all in both worlds (:mod:`anm_mj.sim.reality`).
-
-``suite = "tune"`` makes the scenes of a suite (:mod:`anm_mj.bench.suite`) known by their names.
+Keys outside of a sweep hold for all ``[[sweep]]``; a file without sweeps is one sweep itself. Every run is one scene,
+one policy, one robot, drive, pose and sensor, one start and one seed. Scenes may be ``[[generated]]``
+(:mod:`anm_mj.bench.generated_scene`), ``[[imported]]`` (:mod:`anm_mj.bench.imported_scene`), or those of a ``suite``
+(:mod:`anm_mj.bench.suite`).
 """
 
 from __future__ import annotations
@@ -169,10 +138,8 @@ def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) 
 
 
 def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | ImportedScene]]:
-    """The sweeps of a file, and the scenes that it or the suite it names says how to make, by name.
-
-    Raises:
-        BenchError: The file cannot be read, an entry is not what it should be, or there is no such suite.
+    """The sweeps of a file, and the scenes that it or the suite it names says how to make, by name. Raises BenchError
+    if the file cannot be read, an entry is not what it should be, or there is no such suite.
     """
     try:
         content = read_toml(path)
@@ -271,10 +238,8 @@ def _tours(job: Job) -> list[Job]:
 
 
 def _budget(sweep: Sweep, scene: Scene) -> tuple[int, tuple[tuple[str, int], ...]]:
-    """Steps of the runs in a scene, and the budgets by name that the tables cut them at, if there are several.
-
-    Raises:
-        BenchError: There is no such budget.
+    """Steps of the runs in a scene, and the budgets by name that the tables cut them at, if there are several. Raises
+    BenchError if there is no such budget.
     """
     if sweep.budget not in (*BUDGETS, "both"):
         raise BenchError(f"budget is {sweep.budget!r}; give {', '.join(BUDGETS)} or both.")

@@ -63,13 +63,8 @@ def write_draft(draft: Path, step: int, facts: dict[str, Any], graph: Graph) -> 
 
 
 def complete_draft(draft: Path, path: Path) -> int:
-    """Add the hash of a draft, force it to the disk and give it its name.
-
-    Returns:
-        Its size [bytes].
-
-    Raises:
-        OSError: The file cannot be read or written; nothing is left of the draft.
+    """Add the hash of a draft, force it to the disk and give it its name. Returns its size [bytes]. Raises OSError if
+    the file cannot be read or written; nothing is left of the draft.
     """
     with removed_on_error(draft):
         with draft.open("r+b") as file:

@@ -28,14 +28,10 @@ _MAX_DEPTH = 50
 
 def restore(nodes: list[Any], arrays: list[np.ndarray], roots: dict[str, Any], known: KnownClasses) -> dict[str, Any]:
     """Fill objects with a stored state. ``nodes`` and ``arrays`` are as :class:`anm_mj.checkpoint.encode.Graph` has
-    them, ``roots`` newly made objects by their names, None for what the state itself has to bring.
-
-    Returns:
-        The objects by their names, those that the state brought among them.
-
-    Raises:
-        CheckpointError: The state is damaged, or that of another version or of other objects. Nothing has been changed
-            then, unless one of the objects refuses its state at the end.
+    them, ``roots`` newly made objects by their names, None for what the state itself has to bring. Returns the objects
+    by their names, those that the state brought among them. Raises CheckpointError if the state is damaged, or that of
+    another version or of other objects. Nothing has been changed then, unless one of the objects refuses its state at
+    the end.
     """
     try:
         return _Decoder(nodes, arrays, roots, known).restore()

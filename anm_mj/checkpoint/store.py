@@ -146,9 +146,7 @@ class Checkpointer:
 
     def after_step(self, step: int, loop_s: float) -> None:
         """Take a checkpoint where one is due. So far there were ``step`` actions, and the loop took ``loop_s`` [s].
-
-        Raises:
-            RunFolderError: Not even a first one could be written: the run would lose all at its end.
+        Raises RunFolderError if not even a first one could be written: the run would lose all at its end.
         """
         if self._failed is not None:
             raise RunFolderError(

@@ -131,10 +131,8 @@ def commands(prog: str, group: Group) -> Iterator[tuple[str, Command]]:
 
 
 def find(prog: str, group: Group, words: Sequence[str]) -> tuple[str, Command, Sequence[str]]:
-    """The command that a command line names: the words that call it, the function, and the words left.
-
-    Raises:
-        SystemExit: after the help of a group (status 0), or after a sentence about what is wrong (status 2).
+    """The command that a command line names: the words that call it, the function, and the words left. Raises
+    SystemExit after the help of a group (status 0), or after a sentence about what is wrong (status 2).
     """
     if not words:
         fail(prog, f"name one of {', '.join(group.commands)}")
@@ -155,10 +153,8 @@ def manner_options(command: Command) -> dict[str, str]:
 
 
 def parse(prog: str, command: Command, words: Sequence[str]) -> tuple[dict[str, Any], Manner]:
-    """What a command line gives of the parameters of a command, and how the command is to speak.
-
-    Raises:
-        SystemExit: after the help (status 0), or after a sentence about what is wrong (status 2).
+    """What a command line gives of the parameters of a command, and how the command is to speak. Raises SystemExit
+    after the help (status 0), or after a sentence about what is wrong (status 2).
     """
     summary, more, _ = parameter_texts(command)
     parser = _Parser(prog=prog, description=summary, epilog=more, argument_default=argparse.SUPPRESS)

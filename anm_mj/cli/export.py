@@ -49,8 +49,8 @@ def export(
         fps: steps per second of the film
         every: show every Nth step only
         scene: name or folder of the run's scene, if it kept no images and has moved
-        start: when the run began, for mcap and rosbag: 2026-05-01T09:30 (UTC), seconds since 1970, or 0 to count from
-            its start; by default when it was made
+        start: when the run began, for rosbag: 2026-05-01T09:30 (UTC), seconds since 1970, or 0 to count from its start;
+            by default when it was made
     """
     from anm_mj.cli.console import PlainConsole, progress_bar
 

@@ -94,11 +94,8 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         return dict(timestep.observation), self._info()
 
     def step(self, action: Any) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Execute an action.
-
-        Raises:
-            TaskError: an invalid action.
-            gymnasium.error.ResetNeeded: before the first ``reset`` and after the end of an episode.
+        """Execute an action. Raises TaskError for an invalid action, and gymnasium.error.ResetNeeded before the first
+        ``reset`` and after the end of an episode.
         """
         if not self._running:
             raise gymnasium.error.ResetNeeded("No episode is running; call reset() first.")
@@ -109,10 +106,8 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         return dict(timestep.observation), timestep.reward, terminated, truncated, self._info()
 
     def render(self) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The robot's view, or None without a render mode.
-
-        Raises:
-            gymnasium.error.ResetNeeded: before the first ``reset``.
+        """The robot's view, or None without a render mode. Raises gymnasium.error.ResetNeeded before the first
+        ``reset``.
         """
         if not self._begun:
             raise gymnasium.error.ResetNeeded("There is nothing to see before the first episode; call reset() first.")

@@ -50,17 +50,15 @@ class ExploreEnvironment(control.Environment):
 def load_environment(
     scene: str | Path | Sequence[str | Path], task: str = "explore", *, seed: int = 0, **options: Any
 ) -> ExploreEnvironment:
-    """An environment in which a robot explores a scene.
+    """An environment in which a robot explores a scene. Returns a ``dm_env.Environment``;
+    :class:`~anm_mj.environments.task.ExploreTask` defines observations and rewards. The first ``reset`` creates the
+    simulator.
 
     Args:
         scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
         task: one of ``TASKS``.
         seed: of the random starts and the sensor's errors.
         **options: fields of :class:`~anm_mj.environments.environment_config.EnvironmentConfig`.
-
-    Returns:
-        A ``dm_env.Environment``; :class:`~anm_mj.environments.task.ExploreTask` defines observations and rewards. The
-        first ``reset`` creates the simulator.
 
     Raises:
         SceneError: an unknown scene, or a start at which the robot does not fit.

@@ -74,11 +74,8 @@ class LocalMap:
         return np.clip(signed, -MAX_DISTANCE_M, MAX_DISTANCE_M).astype(np.float32)
 
     def crop(self, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
-        """The map around a pose: row 0 ahead, column 0 to the left, cells of 5 cm.
-
-        Returns:
-            OCCUPIED where any voxel at the body's heights is occupied, FREE where at least half of them are free, else
-            UNKNOWN.
+        """The map around a pose: row 0 ahead, column 0 to the left, cells of 5 cm. Returns OCCUPIED where any voxel at
+        the body's heights is occupied, FREE where at least half of them are free, else UNKNOWN.
         """
         grid = self._grid.grid
         T_world_base = pose_matrix(pose)

@@ -35,11 +35,7 @@ class RobotPhysics(control.Physics):
         self._result: ActionResult | MotionResult | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What copies and pickles keep.
-
-        Raises:
-            TaskError: once there is a simulation, which cannot be copied.
-        """
+        """What copies and pickles keep. Raises TaskError once there is a simulation, which cannot be copied."""
         if self._robot is not None:
             raise TaskError(
                 "An environment cannot be copied or pickled after its first reset, because it holds a simulation: copy "

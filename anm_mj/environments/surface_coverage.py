@@ -74,10 +74,8 @@ class IncrementalCoverage:
         return self._num_covered / len(self._covered)
 
     def add(self, points: Float[np.ndarray, "m 3"]) -> float:
-        """Add the points of a frame's reduced depth, world [m].
-
-        Returns:
-            Fraction of the samples that this frame is the first to cover within 5 cm, in [0, 1].
+        """Add the points of a frame's reduced depth, world [m]. Returns the fraction of the samples that this frame is
+        the first to cover within 5 cm, in [0, 1].
         """
         grid = self._grid
         new = _native.cover_samples(

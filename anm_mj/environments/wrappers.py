@@ -25,10 +25,8 @@ class RepeatAction(gymnasium.Wrapper):
     """
 
     def __init__(self, env: gymnasium.Env, times: int) -> None:
-        """Wrap an environment with ``collided`` in its ``info``; 1 time changes nothing.
-
-        Raises:
-            TaskError: less than one execution.
+        """Wrap an environment with ``collided`` in its ``info``; 1 time changes nothing. Raises TaskError for less than
+        one execution.
         """
         if times < 1:
             raise TaskError(f"times is {times}; an action is executed at least once.")

@@ -70,13 +70,9 @@ def evaluate_fixed_views(
     """Compare what a run's map renders at the fixed views of its scene with the truth.
 
     Writes ``fixed_views.json`` (pose and quality of each view, and the means) into the run folder. ``scene`` is the
-    present name or folder of the run's scene, if it has moved.
-
-    Raises:
-        RunFolderError: The folder is no run, a file in it is damaged, or it explored another scene.
-        SceneError: There is no such scene.
-        MapError: The map cannot be loaded.
-        RenderError: No GL back-end works.
+    present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run, a file in
+    it is damaged, or it explored another scene, SceneError if there is no such scene, MapError if the map cannot be
+    loaded, and RenderError if no GL back-end works.
     """
     record = read_run(path)
     views = fixed_views(explored_scene(record, scene), num_views)

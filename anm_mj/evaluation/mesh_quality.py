@@ -71,7 +71,8 @@ def mesh_quality(
     chair: tuple[float, float, float] | None = None,
     doors: Sequence[tuple[float, float, float, float]] = (),
 ) -> tuple[MeshQuality, MeshQuality | None]:
-    """Compare a mesh with the true surface.
+    """Compare a mesh with the true surface. Returns the quality of the whole, and culled to the observed surface; None
+    if nothing was observed. Raises SceneError if the mesh has no area.
 
     Args:
         vertices: World [m].
@@ -82,12 +83,6 @@ def mesh_quality(
         chair: Where the chair stands that was pushed, x [m], y [m], yaw [rad]: it is no part of the true surface, and
             what the mesh has of it there is not judged; None = there is none.
         doors: Where the leaves of doors stand, x and y of the hinge [m], yaw [rad], length [m]; likewise.
-
-    Returns:
-        The quality of the whole, and culled to the observed surface; None if nothing was observed.
-
-    Raises:
-        SceneError: The mesh has no area.
     """
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
     if chair is not None:

@@ -51,12 +51,9 @@ def evaluate_novel_views(
 
     Writes ``novel_views.json`` (quality of each view and the means) and ``novel_views.png`` (the first views) into the
     run folder. There are fewer where the scene has not as many. ``seed`` is that of places and directions, ``scene``
-    the present name or folder of the run's scene, if it has moved.
-
-    Raises:
-        RunFolderError: The folder is no run, a file in it is damaged, or it explored another scene.
-        SceneError: There is no such scene.
-        MapError: The map cannot be loaded.
+    the present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run, a
+    file in it is damaged, or it explored another scene, SceneError if there is no such scene, and MapError if the map
+    cannot be loaded.
     """
     record = read_run(path)
     world = explored_scene(record, scene)

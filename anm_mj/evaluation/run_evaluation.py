@@ -58,19 +58,17 @@ def evaluate_run(
 ) -> Metrics:
     """Recompute a run's metrics and rewrite ``metrics.json``, ``curve.csv`` and ``curve.png``.
 
-    Facts that only the running program knew (stop reason, wall time, memory) are kept from ``metrics.json``; so are
-    the metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
+    Facts that only the running program knew (stop reason, wall time, memory) are kept from ``metrics.json``; so are the
+    metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
     compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
-    camera pose, whatever pose the robot believed.
+    camera pose, whatever pose the robot believed. Raises RunFolderError if the folder is no run, or a file in it is
+    damaged.
 
     Args:
         path: The run folder.
         on_progress: Called with done and total rounds while the observable surface is computed.
         novel_views: Result of :func:`anm_mj.evaluation.novel_views.evaluate_novel_views`.
         fixed_views: Result of :func:`anm_mj.evaluation.fixed_views.evaluate_fixed_views`.
-
-    Raises:
-        RunFolderError: The folder is no run, or a file in it is damaged.
     """
     run = read_run(path)
     if not run.frames:
@@ -155,13 +153,8 @@ def _quality_of(
 
 
 def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> dict[str, Any] | None:
-    """Errors of a run's trajectory, and its mesh after their alignment, by the keys of ``metrics.json``.
-
-    Returns:
-        None where the run believed the true poses.
-
-    Raises:
-        RunFolderError: The mesh is damaged.
+    """Errors of a run's trajectory, and its mesh after their alignment, by the keys of ``metrics.json``. Returns None
+    where the run believed the true poses. Raises RunFolderError if the mesh is damaged.
     """
     error = trajectory_error(run.frames)
     if error is None:

@@ -44,10 +44,8 @@ class LensDistortion:
 
     @classmethod
     def read(cls, words: str) -> LensDistortion | None:
-        """What somebody says: coefficients in the order of OpenCV, behind the name of their model or without.
-
-        Raises:
-            ValueError: as :meth:`of`, or a word is no number.
+        """What somebody says: coefficients in the order of OpenCV, behind the name of their model or without. Raises
+        ValueError as :meth:`of`, or if a word is no number.
         """
         head, *rest = words.split(",")
         named = head.strip()[:1].isalpha() and head.strip().lower() not in ("nan", "inf", "infinity")

@@ -42,11 +42,8 @@ def heading_legs(
     delta_m: Float[np.ndarray, "2"], yaw_rad: float
 ) -> tuple[tuple[int, int], tuple[float, float], tuple[float, float]]:
     """The two legs, along the headings next to a straight line, that lead to its end. ``delta_m`` leads from the line's
-    start to its end [m]; heading 0 is ``yaw_rad``.
-
-    Returns:
-        The heading below and above the line (not wrapped), the angle from the line to each [rad], and the length of
-        the leg along each [m], by the law of sines.
+    start to its end [m]; heading 0 is ``yaw_rad``. Returns the heading below and above the line (not wrapped), the
+    angle from the line to each [rad], and the length of the leg along each [m], by the law of sines.
     """
     bearing = wrap_angle(math.atan2(delta_m[1], delta_m[0]) - yaw_rad) / TURN_STEP_RAD
     low = math.floor(bearing)

@@ -33,10 +33,8 @@ _DEPTH_UNIT_M = 0.001
 
 
 def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:
-    """Open a sequence of this project's own layout. It is refused without poses.tum where it ``needs_poses``.
-
-    Raises:
-        RunFolderError: camera.json or poses.tum is missing or invalid.
+    """Open a sequence of this project's own layout. It is refused without poses.tum where it ``needs_poses``. Raises
+    RunFolderError if camera.json or poses.tum is missing or invalid.
     """
     try:
         camera = convert(read_json(path / "camera.json"), _CameraShape)

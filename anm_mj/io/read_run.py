@@ -49,10 +49,8 @@ class Run:
     """Empty if the file is missing."""
 
     def depth_mm(self, frame: FrameRecord) -> UInt16[np.ndarray, "rows cols"]:
-        """Reduced depth of a frame [mm].
-
-        Raises:
-            RunFolderError: The image is missing, damaged, or of another size than ``camera.json`` says.
+        """Reduced depth of a frame [mm]. Raises RunFolderError if the image is missing, damaged, or of another size
+        than ``camera.json`` says.
         """
         path = self.folder.depth(frame.step)
         depth_mm = read_depth(path)

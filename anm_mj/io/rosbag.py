@@ -50,7 +50,8 @@ def read_recording(
     match_s: float = MATCH_S,
     max_gap_s: float = GAP_S,
 ) -> Sequence:
-    """Open a recording.
+    """Open a recording. Raises RunFolderError if the package rosbags is missing, the bag cannot be read, or it does not
+    say where the camera was.
 
     Args:
         path: The bag.
@@ -61,9 +62,6 @@ def read_recording(
         needs_poses: Whether frames without a pose are left out, and a bag that has no poses is refused.
         match_s: Colour and depth belong together up to this difference [s].
         max_gap_s: Between poses that lie farther apart, nothing is known [s].
-
-    Raises:
-        RunFolderError: The package rosbags is missing, the bag cannot be read, or it does not say where the camera was.
     """
     try:
         from rosbags.highlevel import AnyReader

@@ -84,16 +84,14 @@ class RunFolder:
 
     @classmethod
     def create(cls, out: Path | None, scene_name: str, policy: str, runs: Path = RUNS) -> RunFolder:
-        """Create the folder of a new run.
+        """Create the folder of a new run. Raises RunFolderError if the path is a file or a non-empty folder, or cannot
+        be created.
 
         Args:
             out: Its path; None = ``<runs>/<scene>_<policy>_<time stamp>``, with a link ``<runs>/latest`` to it.
             scene_name: Name of the scene.
             policy: Name of the policy, possibly ``module:Name``.
             runs: Parent of automatically named folders.
-
-        Raises:
-            RunFolderError: The path is a file or a non-empty folder, or cannot be created.
         """
         path = out if out is not None else runs / _stem(scene_name, policy)
         try:
@@ -164,10 +162,8 @@ def empty_folder(path: Path) -> Path:
 
 
 def refuse_links(path: Path) -> None:
-    """Refuse to write into a folder of somebody's run where a file may lead somewhere else.
-
-    Raises:
-        RunFolderError: Below ``path`` there is a link.
+    """Refuse to write into a folder of somebody's run where a file may lead somewhere else. Raises RunFolderError if
+    there is a link below ``path``.
     """
     found = next((place for place in (path, *path.rglob("*")) if place.is_symlink()), None)
     if found is not None:

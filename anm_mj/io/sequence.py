@@ -104,10 +104,8 @@ class Sequence:
         """The frames in order; the frame number is the step of the observation.
 
         A frame whose images are missing or damaged, or of another size than the camera's, is left out; at the end a
-        warning counts and names them. ``start`` is the first frame; ``says_bad`` False = without the warning.
-
-        Raises:
-            RunFolderError: more than ``max_bad`` of the frames are bad.
+        warning counts and names them. ``start`` is the first frame; ``says_bad`` False = without the warning. Raises
+        RunFolderError if more than ``max_bad`` of the frames are bad.
         """
         bad: list[int] = []
         first = ""

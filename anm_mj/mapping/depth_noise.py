@@ -34,10 +34,8 @@ edges flies."""
 
 def inverse_depth_noise(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
     """Standard deviation of inverse depth in an image [1/m], so that sigma_z = this times z^2. Planar depth that is not
-    finite and positive was not measured.
-
-    Returns:
-        The larger of the figures along rows and along columns; None where too little was measured to tell.
+    finite and positive was not measured. Returns the larger of the figures along rows and along columns; None where too
+    little was measured to tell.
     """
     found = [noise for image in (depth_m, depth_m.T) if (noise := _noise_along_columns(image)) is not None]
     return max(found, default=None)

@@ -101,7 +101,8 @@ class DepthOccupancy:
         range_m: float = math.inf,
         moved_m: Float32[np.ndarray, "h w"] | None = None,
     ) -> None:
-        """Fuse one depth image: carve what was looked through, then mark what was hit.
+        """Fuse one depth image: carve what was looked through, then mark what was hit. Raises MapError if the grid
+        would have more than ``MAX_VOXELS``.
 
         Args:
             depth_m: Planar depth [m]; +inf where the sensor looked farther than its range, NaN where it measured
@@ -110,9 +111,6 @@ class DepthOccupancy:
             T_world_camera: Camera to world.
             range_m: The largest depth that the sensor measures [m].
             moved_m: Depth of the pixels that show something moved [m], NaN elsewhere; ``depth_m`` has none there.
-
-        Raises:
-            MapError: The grid would have more than ``MAX_VOXELS``.
         """
         self._num_frames += 1
         self.noise.add(depth_m)

@@ -92,16 +92,14 @@ class Field:
     def learn(self, observation: Observation, grid: OccupancyGrid, effort: TrainingEffort | None = None) -> MapUpdate:
         """Train on the next frame.
 
-        A loss that is not finite takes the parameters back to the last good ones; the frame's
-        training ends there, its loss is NaN, and the next frame goes on from them.
+        A loss that is not finite takes the parameters back to the last good ones; the frame's training ends there, its
+        loss is NaN, and the next frame goes on from them. Raises MapError if the loss is not finite in
+        :data:`MAX_FAILURES` frames in a row.
 
         Args:
             observation: The frame; one pixel at least was measured.
             grid: The box that was observed, for the smoothness term.
             effort: In place of the schedule's, on every frame but the first.
-
-        Raises:
-            MapError: The loss is not finite in :data:`MAX_FAILURES` frames in a row.
         """
         schedule, first = self.config.schedule, self.num_frames == 0
         num_iterations = 0
@@ -160,11 +158,8 @@ class Field:
         """Train on the keyframes once more, at falling learning rates, when no frame is to come.
 
         A constant rate follows new frames quickly, and keeps the parameters in motion about the best ones; with a
-        falling rate they settle.
-
-        Returns:
-            The number of iterations: ``schedule.final_iterations``, or none where nothing was observed, or where the
-            loss was not finite and the field is as it was before.
+        falling rate they settle. Returns the number of iterations: ``schedule.final_iterations``, or none where nothing
+        was observed, or where the loss was not finite and the field is as it was before.
         """
         count, optimizer = self.config.schedule.final_iterations // len(_FINAL_RATES), self.config.optimizer
         if self._last is None or not count:
@@ -257,9 +252,7 @@ class Field:
         self, observation: Observation, count: int, grid: OccupancyGrid, *, first: bool, current_rays: int | None = None
     ) -> Iterator[float]:
         """Train on rays of the keyframes and, after the first frame, of the one at hand; the loss of each iteration.
-
-        Raises:
-            _NotFinite: If a loss is not finite.
+        Raises _NotFinite if a loss is not finite.
         """
         schedule = self.config.schedule
         num_current = 0 if first else max(schedule.num_rays // len(self.keyframes), schedule.min_current_rays)

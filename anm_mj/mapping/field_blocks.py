@@ -38,15 +38,13 @@ class DoubtRule(NamedTuple):
 
 
 def voxels_to_read(state: States, blocks: Blocks, agreed: States | None = None) -> Voxels:
-    """The known voxels of blocks that are occupied, or have a face neighbour in their block that is.
+    """The known voxels of blocks that are occupied, or have a face neighbour in their block that is. Returns the
+    voxels, block by block.
 
     Args:
         state: of all voxels.
         blocks: to look through.
         agreed: leaves out voxels that have the same state here.
-
-    Returns:
-        The voxels, block by block.
     """
     if agreed is None:
         return _found(_native.voxels_to_read, state, blocks)
@@ -66,7 +64,8 @@ def _found(find: Callable[..., int], *arrays: np.ndarray) -> Voxels:
 def write_blocks(
     state: States, blocks: Blocks, voxels: Voxels, read: Int8[np.ndarray, " n"], out: States
 ) -> Bool[np.ndarray, " m"]:
-    """Take over the states of blocks, and other ones for some voxels.
+    """Take over the states of blocks, and other ones for some voxels. Returns whether a voxel of each block differs
+    from what it was.
 
     Args:
         state: of all voxels.
@@ -74,9 +73,6 @@ def write_blocks(
         voxels: as :func:`voxels_to_read` gave them.
         read: their states.
         out: what is written to.
-
-    Returns:
-        Whether a voxel of each block differs from what it was.
     """
     moved = np.empty(len(blocks), np.uint8)
     _native.write_blocks(state, blocks, voxels, read, out, moved)

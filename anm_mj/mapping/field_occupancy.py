@@ -139,10 +139,8 @@ class FieldOccupancy:
     def _ask_field(
         self, places: Int64[np.ndarray, "m 3"], depth_grid: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> tuple[Int64[np.ndarray, " n"], Int8[np.ndarray, " n"]]:
-        """Decide the hits in blocks, and what was observed beside them, by the field; see :meth:`_read_blocks`.
-
-        Returns:
-            Indices of these voxels into the raveled grid, block by block, and their states.
+        """Decide the hits in blocks, and what was observed beside them, by the field; see :meth:`_read_blocks`. Returns
+        indices of these voxels into the raveled grid, block by block, and their states.
         """
         has_hits = self._by_depth.voxels.block_stamp[tuple(places.T)] > 0
         voxels = voxels_to_read(depth_grid.state, places[has_hits], None if whole else self._state)

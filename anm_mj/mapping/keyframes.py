@@ -106,16 +106,14 @@ class KeyframeStore:
     def add(
         self, observation: Observation, rng: np.random.Generator, weight: Float32[np.ndarray, "h w"] | None = None
     ) -> None:
-        """Keep a share of an observation's pixels for replay.
+        """Keep a share of an observation's pixels for replay. Raises MapError if not even one pixel of each keyframe
+        fits.
 
         Args:
             observation: The keyframe; of its pixels there must be one that was measured.
             rng: What the choice of pixels comes from.
             weight: How often pixels are kept, in proportion; none, or several times. None: all equally often, and no
                 pixel twice.
-
-        Raises:
-            MapError: If not even one pixel of each keyframe fits.
         """
         measured = valid_pixels(observation)
         count = max(1, round(self._share * int(measured.sum())))

@@ -42,16 +42,13 @@ def touched_cells(
 def crossings(
     sdf: SdfQuery, cells: Bool[np.ndarray, "x y z"], corner: Int64[np.ndarray, "3"], spacing_m: float
 ) -> Float[np.ndarray, "n 3"]:
-    """Zero-crossings on the edges of lattice cells, by linear interpolation, each once.
+    """Zero-crossings on the edges of lattice cells, by linear interpolation, each once. Returns world points [m].
 
     Args:
         sdf: Signed distance at world points, in any unit.
         cells: Which lattice cells to look at, by x, y, z.
         corner: Index of cell [0, 0, 0]; cell (i, j, k) spans ``[i, i + 1] * spacing_m`` along x, and so on.
         spacing_m: Spacing of the lattice [m].
-
-    Returns:
-        World points [m].
     """
     corners = np.zeros([n + 1 for n in cells.shape], np.uint8)
     points_m = _native.lattice_corners(cells.view(np.uint8), corner, spacing_m, corners)

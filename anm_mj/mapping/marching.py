@@ -87,11 +87,7 @@ def remove_unreferenced(
 def merge_vertices(
     vertices: Float[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]
 ) -> tuple[Int64[np.ndarray, " w"], Int64[np.ndarray, "g 3"]]:
-    """Equal vertices merged and collapsed faces dropped.
-
-    Returns:
-        Which vertices stay, and the faces over those.
-    """
+    """Equal vertices merged and collapsed faces dropped. Returns which vertices stay, and the faces over those."""
     rounded = np.rint(vertices / _MERGE_M).astype(np.int64)
     x, y, z = (rounded - rounded.min(axis=0, initial=np.iinfo(np.int64).max)).T & ((1 << _KEY_BITS) - 1)
     key = (x << (2 * _KEY_BITS)) | (y << _KEY_BITS) | z

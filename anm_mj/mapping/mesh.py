@@ -57,7 +57,8 @@ class MeshExtractor:
         self._pieces: dict[tuple[int, int, int], _Piece] = {}
 
     def extract(self, sdf: SdfQuery, rgb: RgbQuery, resolution_m: float, *, reuse: bool = False) -> Triangles:
-        """The SDF's zero level where something was observed, in the world [m].
+        """The SDF's zero level where something was observed, in the world [m]. Raises MapError if the resolution is not
+        positive.
 
         Args:
             sdf: Signed distance at world points, in any unit.
@@ -65,9 +66,6 @@ class MeshExtractor:
             resolution_m: Edge of a lattice cell [m].
             reuse: Keep what the last call found, with the same resolution, in parts of space that no frame has touched
                 since. Where kept and new parts meet, seams may open by as much as the field has changed.
-
-        Raises:
-            MapError: If the resolution is not positive.
         """
         if resolution_m <= 0.0:
             raise MapError(f"The mesh resolution is {resolution_m} m, but it must be positive; 0.05 is usual.")

@@ -45,15 +45,12 @@ class NeuralMap:
     REBUILT = ("_mesh",)
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
-        """An empty map.
+        """An empty map. Raises MapError if the device or the engine that the configuration names is unknown or absent.
 
         Args:
             config: Settings of the stage.
             seed: Start values, choice of rays, jitter and perturbations all derive from it.
             device: "auto" (the CPU with the native engine, else CUDA where there is one), "cpu" or "cuda".
-
-        Raises:
-            MapError: If the device or the engine that the configuration names is unknown or absent.
         """
         self.field = Field(config, seed=seed, device=device)
         self.occupancy = Occupancy(config)
@@ -110,10 +107,8 @@ class NeuralMap:
     def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 
-        With an ``effort``, every frame but the first is trained on with that.
-
-        Raises:
-            MapError: If the loss was not finite for several frames in a row, or the grid becomes too large.
+        With an ``effort``, every frame but the first is trained on with that. Raises MapError if the loss was not
+        finite for several frames in a row, or the grid becomes too large.
         """
         observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
@@ -215,15 +210,13 @@ class NeuralMap:
         return self.occupancy.grid(self.sdf, centre_xy_m, radius_m)
 
     def mesh(self, resolution_m: float = 0.05, *, reuse: bool = False) -> trimesh.Trimesh:
-        """The observed surface in the world [m], with vertex colours; faces look into free space.
+        """The observed surface in the world [m], with vertex colours; faces look into free space. Raises MapError if
+        the resolution is not positive.
 
         Args:
             resolution_m: Edge of a marching-cubes cell [m].
             reuse: Ask the field only where frames have come in since the last call with this resolution and keep the
                 rest, for a view of a run as it goes.
-
-        Raises:
-            MapError: If the resolution is not positive.
         """
         return colored_mesh(self._mesh.extract(self.backend.query_sdf, self.rgb, resolution_m, reuse=reuse))
 
@@ -237,24 +230,18 @@ class NeuralMap:
         """Write parameters, configuration and occupancy to ``path`` (``map.safetensors``).
 
         Keyframes and the optimiser's moments are not kept: a loaded map answers as the saved one does, and can take in
-        more frames, but replays none of the earlier ones.
-
-        Raises:
-            OSError: The file cannot be written.
+        more frames, but replays none of the earlier ones. Raises OSError if the file cannot be written.
         """
         write_map(path, SavedMap.of(self.field, self.occupancy.by_depth))
 
     @classmethod
     def load(cls, path: Path, *, device: str = "auto", geometry: str | None = None) -> NeuralMap:
-        """The map that was saved at ``path``.
+        """The map that was saved at ``path``. Raises MapError if the file is missing or is not such a map.
 
         Args:
             path: The file, ``map.safetensors`` of a run folder.
             device: As of a new map.
             geometry: In the place of the map's own ``mapping.geometry``.
-
-        Raises:
-            MapError: If the file is missing or is not such a map.
         """
         saved = read_map(path)
         config = saved.config if geometry is None else replace(saved.config, geometry=geometry)
@@ -265,14 +252,12 @@ class NeuralMap:
     def continue_from(self, saved: SavedMap, keyframes: Keyframes) -> None:
         """Begin with the map of a prior run, which must have this map's :attr:`config` but for effort and rates.
 
-        A few frames that contradict it suffice to change it, and :meth:`changes` tells what they have changed.
+        A few frames that contradict it suffice to change it, and :meth:`changes` tells what they have changed. Raises
+        MapError if they do not fit this map.
 
         Args:
             saved: the prior map.
             keyframes: those of its frames that are to be replayed.
-
-        Raises:
-            MapError: They do not fit this map.
         """
         saved.fill(self.field, self.occupancy.by_depth)
         prior = self.occupancy_grid()

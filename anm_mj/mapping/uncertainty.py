@@ -36,11 +36,8 @@ def uncertainty_at(
     seed: int,
 ) -> Float32[np.ndarray, " n"]:
     """Uncertainty at world points [m] by the configured method; comparable within one method only. The noise of
-    perturbations is derived from ``seed``.
-
-    Returns:
-        The variance of Eq. 4 in squared truncations plus ``color_weight`` times squared colour units, or, for
-        "last_layer_variance", a variance of s up to a constant factor.
+    perturbations is derived from ``seed``. Returns the variance of Eq. 4 in squared truncations plus ``color_weight``
+    times squared colour units, or, for "last_layer_variance", a variance of s up to a constant factor.
     """
     method = config.uncertainty.method
     if method == "last_layer_variance":

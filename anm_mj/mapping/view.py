@@ -53,7 +53,9 @@ def view_samples(
 
     The field passes from free to solid at a surface, and an occupied voxel says that it has not made the surface up. A
     ray that grazes an occupied voxel and stays in free space goes on. One that meets occupied voxels and never passes
-    into a solid, because the field has no surface where the voxels are, ends at the first of them.
+    into a solid, because the field has no surface where the voxels are, ends at the first of them. Returns origins [m]
+    and directions (planar depth 1) of the rays that meet a surface, their sample depths [m], and which pixels they are,
+    row by row.
 
     Args:
         occupancy: The grid to search.
@@ -61,10 +63,6 @@ def view_samples(
         intrinsics: The camera.
         T_world_camera: Camera to world.
         truncation_m: Truncation distance of the field [m].
-
-    Returns:
-        Origins [m] and directions (planar depth 1) of the rays that meet a surface, their sample depths [m], and which
-        pixels they are, row by row.
     """
     directions = pixel_directions(intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]

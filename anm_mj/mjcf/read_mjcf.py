@@ -83,11 +83,7 @@ def read_spec(
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The model of a spec, without MuJoCo's warnings.
-
-    Raises:
-        ValueError: MuJoCo cannot compile it.
-    """
+    """The model of a spec, without MuJoCo's warnings. Raises ValueError if MuJoCo cannot compile it."""
     with quiet_mujoco():
         return spec.compile()
 

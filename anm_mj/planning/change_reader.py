@@ -19,15 +19,13 @@ class ChangeReader:
         self._origin_xy_m = np.zeros(2)
 
     def take(self, grid: OccupancyGrid, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> Window | None:
-        """The smallest window with all blocks that changed since the reader took them; it takes them now.
+        """The smallest window with all blocks that changed since the reader took them; it takes them now. Returns rows
+        and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
 
         Args:
             grid: the occupancy; always the same one, as it grows.
             box_xy_m: lower and upper corner of a box in the world; the reader leaves blocks that do not touch it for
                 later [m]. None = it takes all.
-
-        Returns:
-            Rows and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
         """
         num_rows, num_cols = grid.state.shape[1:]
         if grid.column_version is None:

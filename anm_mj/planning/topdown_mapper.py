@@ -116,7 +116,8 @@ class TopDownMapper:
     def update(
         self, grid: OccupancyGrid, sdf: SdfQuery, truncation_m: float, pose: Pose2, camera: FieldOfView
     ) -> tuple[TopDownMap, Window | None]:
-        """Bring the map up to date.
+        """Bring the map up to date. Returns the map, and the part of the occupancy grid that was read for it; None for
+        none.
 
         Args:
             grid: the occupancy; always the same one, as it grows.
@@ -124,9 +125,6 @@ class TopDownMapper:
             truncation_m: distance beyond which the SDF says no more than 'far' [m]; always the same.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
             camera: what the robot sees with; its first one tells how much of the floor at the start it cannot see.
-
-        Returns:
-            The map, and the part of the occupancy grid that was read for it; None for none.
         """
         first = not self._layers.state.size
         self._truncation_m = truncation_m

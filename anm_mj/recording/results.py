@@ -111,7 +111,8 @@ def write_results(
     memory: dict[str, np.ndarray] | None = None,
     back: ReturnFacts | None = None,
 ) -> Metrics:
-    """Write mesh, map, pictures and metrics, and close the recorder.
+    """Write mesh, map, pictures and metrics, and close the recorder. Raises RunFolderError if the folder cannot be
+    written.
 
     Args:
         recorder: Has recorded the run.
@@ -123,9 +124,6 @@ def write_results(
         memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to do
             so.
         back: How the robot went back to its start; None where it was not to.
-
-    Raises:
-        RunFolderError: The folder cannot be written.
     """
     recorder.flush()
     folder, curve, statistics = recorder.folder, recorder.curve, recorder.statistics

@@ -47,11 +47,8 @@ def growing_mesh(
 ) -> GrowingMesh | None:
     """The mesh of a run; None where it has none, as a killed run. Vertices are merged until there are at most
     ``max_faces``, None = as they are. ``with_errors``: the map is asked how certain it is, and the mesh is compared
-    with the true surface.
-
-    Raises:
-        RunFolderError: Mesh, depth or true surface cannot be read.
-        MapError: The map cannot be read.
+    with the true surface. Raises RunFolderError if mesh, depth or true surface cannot be read, and MapError if the map
+    cannot be read.
     """
     if not run.folder.mesh.is_file():
         return None

@@ -92,10 +92,8 @@ class Timeline:
     def coverage(self) -> tuple[str, Float[np.ndarray, " n"]]:
         """Name and values of the headline metric at each frame [%]; NaN where it was not measured.
 
-        The completion ratio of the observable surface where that is known, else of the whole surface.
-
-        Raises:
-            RunFolderError: ``curve.csv`` holds no curve.
+        The completion ratio of the observable surface where that is known, else of the whole surface. Raises
+        RunFolderError if ``curve.csv`` holds no curve.
         """
         curve = read_curve(self.run.folder.curve)
         for name, key in (("observable", "observable_ratio"), ("completion", "completion_ratio")):

@@ -49,9 +49,7 @@ def give_planar_joints(
     spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, "4 4"], mass_kg: float, radius_m: float
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Replace the root's joints by two slides and a hinge whose positions are the pose of the base, with servos.
-
-    Returns:
-        Names of the joints, and of their velocity servos [m/s, m/s, rad/s].
+    Returns the names of the joints, and of their velocity servos [m/s, m/s, rad/s].
     """
     body = spec.body(root)
     remove_joints(spec, {joint.name for joint in body.joints})

@@ -49,11 +49,7 @@ class RobotPreset:
 
 @functools.cache
 def robot_presets() -> dict[str, RobotPreset]:
-    """All presets, by name.
-
-    Raises:
-        RobotError: ``models/presets.toml`` cannot be read.
-    """
+    """All presets, by name. Raises RobotError if ``models/presets.toml`` cannot be read."""
     path = MODELS / "presets.toml"
     try:
         entries = tomllib.loads(path.read_text(encoding="utf-8"))

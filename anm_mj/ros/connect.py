@@ -41,11 +41,8 @@ class Connection:
 @contextmanager
 def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connection]:
     """A robot that sends images and poses which fit together; it is stopped at the end. ``is_over``: whether the user
-    wants an end.
-
-    Raises:
-        RobotError: a topic is missing, ambiguous or silent within ``ros.wait_s``.
-        AnmError: see :class:`~anm_mj.ros.node.Node`.
+    wants an end. Raises RobotError if a topic is missing, ambiguous or silent within ``ros.wait_s``, and AnmError as
+    :class:`~anm_mj.ros.node.Node`.
     """
     ros = config.ros
     health = Health(ros.timeout_s)
@@ -73,10 +70,8 @@ def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connec
 
 
 def _navigation(node: Node, config: DriveConfig, end: float, is_over: Callable[[], bool]) -> Navigation | None:
-    """What drives the robot to goals; None where this program drives it, or nobody does.
-
-    Raises:
-        RobotError: nobody offers the action.
+    """What drives the robot to goals; None where this program drives it, or nobody does. Raises RobotError if nobody
+    offers the action.
     """
     if config.dry or config.ros.drive == "velocity":
         return None

@@ -53,7 +53,8 @@ def drive(
     is_over: Callable[[], bool] = lambda: False,
     observers: Sequence[Observer] = (),
 ) -> tuple[RunFolder, Metrics]:
-    """Explore with a live robot, and write everything about it.
+    """Explore with a live robot, and write everything about it. Raises AnmError if robot, network, policy, device or
+    output folder cannot be used.
 
     Args:
         config: what to do.
@@ -61,9 +62,6 @@ def drive(
         waits: whether the robot waits for ``start`` on ``explore/command``.
         is_over: whether the user wants an end, for the waits within a step.
         observers: see :func:`anm_mj.run.run`.
-
-    Raises:
-        AnmError: robot, network, policy, device or output folder cannot be used.
     """
     begin, state, followers = time.perf_counter(), LoopState(), _Followers()
     with _parts(config, observers, followers=followers, state=state, waits=waits, is_over=is_over) as parts:
@@ -74,11 +72,8 @@ def go_on(
     path: Path, *, waits: bool = False, is_over: Callable[[], bool] = lambda: False, observers: Sequence[Observer] = ()
 ) -> tuple[RunFolder, Metrics]:
     """Go on with a run on a live robot that was killed or interrupted, as long as its odometry went on meanwhile.
-    ``path`` is its folder; the other arguments are those of :func:`drive`.
-
-    Raises:
-        CheckpointError: see :func:`anm_mj.resume.resume`.
-        AnmError: see :func:`drive`.
+    ``path`` is its folder; the other arguments are those of :func:`drive`. Raises CheckpointError as
+    :func:`anm_mj.resume.resume`, and AnmError as :func:`drive`.
     """
     state, followers = LoopState(), _Followers()
     assemble = functools.partial(_parts, followers=followers, state=state, waits=waits, is_over=is_over)

@@ -79,11 +79,8 @@ class DriveConfig(RunConfig):
     """The robot is not driven: the run only maps, and shows what it would do."""
 
     def __post_init__(self) -> None:
-        """Check the options.
-
-        Raises:
-            ConfigError: poses or policy need what a live robot has not.
-            AnmError: see :class:`anm_mj.config.RunConfig`.
+        """Check the options. Raises ConfigError if poses or policy need what a live robot has not, and AnmError as
+        :class:`anm_mj.config.RunConfig`.
         """
         super().__post_init__()
         if self.pose == "true":

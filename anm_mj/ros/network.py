@@ -39,10 +39,8 @@ def domain_id(environment: Mapping[str, str] = os.environ) -> int:
 
 
 def network_config(environment: Mapping[str, str] = os.environ) -> str | None:
-    """The configuration of Cyclone DDS that the environment asks for; None = that of ``CYCLONEDDS_URI``.
-
-    Raises:
-        ConfigError: ``ROS_AUTOMATIC_DISCOVERY_RANGE`` has a value that is not known.
+    """The configuration of Cyclone DDS that the environment asks for; None = that of ``CYCLONEDDS_URI``. Raises
+    ConfigError if ``ROS_AUTOMATIC_DISCOVERY_RANGE`` has a value that is not known.
     """
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"
     if reach not in ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"):
@@ -56,11 +54,9 @@ def network_config(environment: Mapping[str, str] = os.environ) -> str | None:
 
 @functools.cache
 def domain(number: int, config: str | None) -> Any:
-    """The domain of this process; it can be configured once.
-
-    Raises:
-        ModuleNotFoundError: the package cyclonedds is missing.
-        cyclonedds.core.DDSException: the process uses the domain already, with other peers than those asked for.
+    """The domain of this process; it can be configured once. Raises ModuleNotFoundError if the package cyclonedds is
+    missing, and cyclonedds.core.DDSException if the process uses the domain already, with other peers than those asked
+    for.
     """
     from cyclonedds.core import DDSException
     from cyclonedds.domain import Domain

@@ -89,27 +89,21 @@ class Scene:
         return self.folder / XML
 
     def triangles(self) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-        """Vertices in the world [m] and faces of the exact source triangles; read-only, loaded once.
-
-        Raises:
-            SceneError: if geometry.npz cannot be read.
+        """Vertices in the world [m] and faces of the exact source triangles; read-only, loaded once. Raises SceneError
+        if geometry.npz cannot be read.
         """
         return _read_geometry(self.folder / GEOMETRY, self.hash)
 
     def obstacles(self) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-        """As :meth:`triangles`, of what the robot meets: most often the source triangles themselves.
-
-        Raises:
-            SceneError: if geometry.npz cannot be read.
+        """As :meth:`triangles`, of what the robot meets: most often the source triangles themselves. Raises SceneError
+        if geometry.npz cannot be read.
         """
         return _read_geometry(self.folder / GEOMETRY, self.hash, "obstacle_")
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """The scene in a folder, or the scene of that name in the catalogue.
-
-    Raises:
-        SceneError: if there is no such scene, or the folder is not a complete scene folder.
+    """The scene in a folder, or the scene of that name in the catalogue. Raises SceneError if there is no such scene,
+    or the folder is not a complete scene folder.
     """
     path = Path(name_or_path)
     # A folder that merely shares its name with a scene, as /home does, does not hide the scene.

@@ -91,7 +91,8 @@ def write_scene(
     """Write a scene folder and read it back; the submeshes lie in the world (z up, floor at z = 0) [m].
 
     Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) follow from
-    them. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
+    them. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced. Raises
+    SceneError if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
 
     Args:
         submeshes: Everything in the scene.
@@ -102,9 +103,6 @@ def write_scene(
         movables: Objects that the robot may push. Submeshes and obstacles hold them too, as they stand at first, in
             parts of their name.
         on_area: Called with where the robot can stand, unless starts and rooms are given.
-
-    Raises:
-        SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
     """
     if not (info.name.isprintable() and 0 < len(info.name) <= 255):
         raise SceneError(f"The scene cannot be named {info.name[:80]!r}: give 1 to 255 letters that can be printed.")

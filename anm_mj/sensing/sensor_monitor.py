@@ -126,7 +126,8 @@ class SensorMonitor:
         grid_at: GridQuery | None = None,
         judges_pose: bool = True,
     ) -> Observation:
-        """Take a frame in.
+        """Take a frame in. Returns the frame as far as it can be believed: with a pose, without outliers, without any
+        depth where it is faulty.
 
         Args:
             observation: the frame.
@@ -135,9 +136,6 @@ class SensorMonitor:
             sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
             grid_at: occupancy before this frame, which tells whether there was anything to see; None: there was.
             judges_pose: whether a pose that is not where the action led is a jump; False where localisation judges it.
-
-        Returns:
-            The frame as far as it can be believed: with a pose, without outliers, without any depth where it is faulty.
         """
         self._camera = self._camera or astuple(observation.intrinsics)
         raw, faulty = observation, False

@@ -58,10 +58,8 @@ class Camera(ABC):
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
         """Colour and planar z [m] of the present state, in new arrays; NaN without a hit within the model's ``zfar``.
 
-        ``data`` has body and camera poses up to date (``mj_kinematics`` and ``mj_camlight``, or ``mj_forward``).
-
-        Raises:
-            RenderError: after ``close``, where the camera holds resources.
+        ``data`` has body and camera poses up to date (``mj_kinematics`` and ``mj_camlight``, or ``mj_forward``). Raises
+        RenderError after ``close``, where the camera holds resources.
         """
 
     def close(self) -> None:  # noqa: B027  Ray cameras have nothing to free.

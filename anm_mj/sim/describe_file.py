@@ -29,10 +29,8 @@ def describe_file(
     """The robot of an MJCF or URDF file; see :func:`~anm_mj.robot.description.describe_robot`.
 
     A URDF's meshes are found as ROS and Gazebo find them and may be of any format that scenes take. Of each its convex
-    hull is kept, all that MuJoCo collides with.
-
-    Raises:
-        RobotError: as ``describe_robot``, or if macros cannot be expanded, or a mesh is nowhere or cannot be read.
+    hull is kept, all that MuJoCo collides with. Raises RobotError as ``describe_robot``, or if macros cannot be
+    expanded, or a mesh is nowhere or cannot be read.
     """
     is_urdf = path.suffix.lower() == XACRO or root_tag(path) == "robot"
     return describe_robot(path, config, camera, image_px, given=_urdf_spec(path) if is_urdf else None)

@@ -41,7 +41,7 @@ def make_robot(
     forgets_textures: bool = False,
     **options: Any,
 ) -> SimRobot:
-    """A simulated robot in a scene, at its start pose.
+    """A simulated robot in a scene, at its start pose. Returns the robot; close it when done.
 
     Args:
         scene: the world.
@@ -54,9 +54,6 @@ def make_robot(
             other camera can render the model then.
         **options: fields of :class:`SimulationConfig` that take the place of those of ``config``, as in
             ``drive="physics"``.
-
-    Returns:
-        The robot; close it when done.
 
     Raises:
         ConfigError: if there is no such drive or pose source, or a number is out of range.

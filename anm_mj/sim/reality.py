@@ -46,11 +46,7 @@ REALITIES: dict[str, Reality] = {
 
 
 def reality_of(name: str) -> Reality:
-    """What a name stands for.
-
-    Raises:
-        ConfigError: there is no such reality.
-    """
+    """What a name stands for. Raises ConfigError if there is no such reality."""
     if name not in REALITIES:
         raise ConfigError(
             f"There is no reality '{name}'{close_name(name, REALITIES)}; choose one of {', '.join(REALITIES)}."

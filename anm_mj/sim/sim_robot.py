@@ -142,10 +142,8 @@ class SimRobot:
         return [joint.name.removeprefix("robot/") for joint in found], positions, velocities
 
     def true_view(self) -> TrueView:
-        """What the last observation was truly made of: poses, and exact depth where the sensor gave a value.
-
-        Raises:
-            RobotError: before the first observation.
+        """What the last observation was truly made of: poses, and exact depth where the sensor gave a value. Raises
+        RobotError before the first observation.
         """
         if self._looked is None:
             raise RobotError("There is no view yet; call observe first.")
@@ -179,10 +177,8 @@ class SimRobot:
     def observe(self) -> Observation:
         """The view from the present pose, with true poses or poses by wheel odometry.
 
-        A late image is the view of a moment ago, with the camera's pose at the time of its stamp.
-
-        Raises:
-            RenderError: after ``close``.
+        A late image is the view of a moment ago, with the camera's pose at the time of its stamp. Raises RenderError
+        after ``close``.
         """
         self._update_poses(self.data)
         pose = self._drive.pose if self._T_base_camera is None else self.odometry
@@ -286,10 +282,8 @@ class SimRobot:
             self._figures.write(self._crowd, self.data)
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
-        """Move at a velocity for a time [s]; ``step`` does not count it.
-
-        Raises:
-            RobotError: if the duration is not positive, or the velocity not finite.
+        """Move at a velocity for a time [s]; ``step`` does not count it. Raises RobotError if the duration is not
+        positive, or the velocity not finite.
         """
         return self._drive.drive(twist, duration_s)
 
@@ -319,11 +313,7 @@ class SimRobot:
         return state
 
     def set_state(self, state: Float[np.ndarray, " n"]) -> None:
-        """Take over what :meth:`get_state` gave.
-
-        Raises:
-            RobotError: It is that of another model.
-        """
+        """Take over what :meth:`get_state` gave. Raises RobotError if it is that of another model."""
         if state.shape != (mujoco.mj_stateSize(self.model, _STATE),):
             raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
         mujoco.mj_setState(self.model, self.data, state, _STATE)

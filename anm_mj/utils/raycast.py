@@ -20,10 +20,8 @@ def embree_installed() -> bool:
 
 
 class RayCaster:
-    """A triangle mesh to cast rays against; both sides of a triangle stop a ray. Vertices are in the world [m].
-
-    Raises:
-        RayCastError: Embree is not installed.
+    """A triangle mesh to cast rays against; both sides of a triangle stop a ray. Vertices are in the world [m]. Raises
+    RayCastError if embree is not installed.
     """
 
     def __init__(self, vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
@@ -48,9 +46,7 @@ class RayCaster:
     def hits(
         self, origins_m: Float32[np.ndarray, "n 3"], directions: Float32[np.ndarray, "n 3"]
     ) -> dict[str, np.ndarray]:
-        """All that Embree knows of the hits.
-
-        Returns:
-            ``primID`` (face, -1 without a hit), ``tfar`` (length), ``u``, ``v`` (barycentric), ``Ng`` (normal, (n, 3)).
+        """All that Embree knows of the hits. Returns ``primID`` (face, -1 without a hit), ``tfar`` (length), ``u``,
+        ``v`` (barycentric), ``Ng`` (normal, (n, 3)).
         """
         return self._scene.run(origins_m, directions, query="INTERSECT", output=True)

@@ -60,24 +60,19 @@ def read_bytes(path: Path, max_mib: float = MAX_TEXT_MIB) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Content of a regular text file in UTF-8.
-
-    Raises:
-        OSError, ValueError: as :func:`read_bytes`, or it is not UTF-8.
+    """Content of a regular text file in UTF-8. Raises OSError or ValueError as :func:`read_bytes`, or if it is not
+    UTF-8.
     """
     return read_bytes(path).decode("utf-8")
 
 
 def parse_json(content: bytes | str, parse_constant: Callable[[str], Any] | None = None) -> Any:
-    """The value that JSON holds.
+    """The value that JSON holds. Raises ValueError if it is no JSON, or nested too deeply.
 
     Args:
         content: the text.
         parse_constant: gives the value of NaN, Infinity and -Infinity, which JSON does not know, or raises a
             ``ValueError``; None = they are taken as numbers.
-
-    Raises:
-        ValueError: It is no JSON, or nested too deeply.
     """
     try:
         return json.loads(content, parse_constant=parse_constant)
@@ -91,11 +86,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The table in a TOML file.
-
-    Raises:
-        OSError, ValueError: as :func:`read_bytes`, or it is no TOML.
-    """
+    """The table in a TOML file. Raises OSError or ValueError as :func:`read_bytes`, or if it is no TOML."""
     try:
         return tomllib.loads(read_text(path))
     except RecursionError:
@@ -193,10 +184,8 @@ def array_of(arrays: dict[str, np.ndarray], name: str, kinds: str, shape: tuple[
 
 
 def read_table(path: Path) -> np.ndarray:
-    """The rows of a text file of numbers, as ``numpy.loadtxt`` reads them.
-
-    Raises:
-        OSError, ValueError: as :func:`read_text`, or it holds something else.
+    """The rows of a text file of numbers, as ``numpy.loadtxt`` reads them. Raises OSError or ValueError as
+    :func:`read_text`, or if it holds something else.
     """
     return np.loadtxt(io.StringIO(read_text(path)), ndmin=2)
 

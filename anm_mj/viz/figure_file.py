@@ -51,13 +51,8 @@ def fit_ratio(axes: Axes) -> None:
 
 def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
     """Write a figure once per kind, beside each other, each file whole or not at all. Its resolution counts for the
-    PNG; the ending of ``path`` is replaced by the kind, ``png``, ``pdf`` or ``svg``.
-
-    Returns:
-        The files.
-
-    Raises:
-        OSError: A file cannot be written.
+    PNG; the ending of ``path`` is replaced by the kind, ``png``, ``pdf`` or ``svg``. Returns the files. Raises OSError
+    if a file cannot be written.
     """
     paths = [path.with_suffix(f".{kind}") for kind in kinds]
     for kind, file in zip(kinds, paths, strict=True):

@@ -57,28 +57,23 @@ class MapperBackend(ABC):
 
     @abstractmethod
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
-        """One iteration: sample, render, losses, gradients, Adam.
+        """One iteration: sample, render, losses, gradients, Adam. Returns the losses before the update.
 
         Args:
             rays: The batch.
             seed: What the sample jitter is derived from.
             smoothness_corner_m: Lowest corner of the smoothness lattice in the world [m]; None leaves the term out.
-
-        Returns:
-            The losses before the update.
         """
 
     def steps(
         self, batches: Sequence[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
-        """Several iterations, with the results of :meth:`step` on each batch; an engine may let them overlap.
+        """Several iterations, with the results of :meth:`step` on each batch; an engine may let them overlap. Returns
+        the losses of each, up to the first whose total is not finite: nothing is trained after it.
 
         Args:
             batches: The batches.
             draws: Seed and smoothness corner of each.
-
-        Returns:
-            The losses of each, up to the first whose total is not finite: nothing is trained after it.
         """
         done: list[StepLosses] = []
         for rays, (seed, corner_m) in zip(batches, draws, strict=True):
@@ -131,10 +126,8 @@ class MapperBackend(ABC):
 
     @abstractmethod
     def set_parameters(self, parameters: Parameters) -> None:
-        """Take over parameters by name, passing over other names, and start the optimiser afresh.
-
-        Raises:
-            MapError: If a name is missing or a shape differs from the configuration's.
+        """Take over parameters by name, passing over other names, and start the optimiser afresh. Raises MapError if a
+        name is missing or a shape differs from the configuration's.
         """
 
     @abstractmethod
@@ -143,8 +136,6 @@ class MapperBackend(ABC):
 
     @abstractmethod
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_state` gave.
-
-        Raises:
-            MapError: If a name is missing or a shape differs from the configuration's.
+        """Take over what :meth:`get_state` gave. Raises MapError if a name is missing or a shape differs from the
+        configuration's.
         """

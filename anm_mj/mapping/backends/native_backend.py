@@ -50,7 +50,8 @@ class NativeBackend(MapperBackend):
         kernel: str = "",
         parameters: Parameters | None = None,
     ) -> None:
-        """Start from given parameters, or from those that ``seed`` gives.
+        """Start from given parameters, or from those that ``seed`` gives. Raises MapError if a layer or a ray's samples
+        are too many for the engine.
 
         Args:
             config: The mapping configuration.
@@ -59,9 +60,6 @@ class NativeBackend(MapperBackend):
                 the process may use.
             kernel: Instruction set to use, one of ``_native.kernel_names()``; empty for the best of this processor.
             parameters: To start from; None = the start values.
-
-        Raises:
-            MapError: If a layer or a ray's samples are too many for the engine.
         """
         field, sampling = config.field, config.sampling
         widest = max(field.hidden_width, field.geometry_features + 1, sampling.samples_per_ray)

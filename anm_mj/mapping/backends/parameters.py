@@ -57,10 +57,8 @@ def parameter_shapes(config: FieldConfig) -> dict[str, tuple[int, ...]]:
 
 
 def check_shapes(arrays: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Say so if an array is missing, or has another shape.
-
-    Raises:
-        MapError: With the name of the first that does not fit.
+    """Say so if an array is missing, or has another shape. Raises MapError with the name of the first that does not
+    fit.
     """
     for name, shape in shapes.items():
         if name not in arrays:

@@ -21,11 +21,7 @@ CUDA_CHUNK = 1 << 18
 
 
 def resolve_device(device: str) -> torch.device:
-    """The torch device for "auto", "cpu" or "cuda".
-
-    Raises:
-        MapError: If CUDA is asked for and not there.
-    """
+    """The torch device for "auto", "cpu" or "cuda". Raises MapError if CUDA is asked for and not there."""
     if device == "cuda" and not torch.cuda.is_available():
         raise MapError("The mapping device is 'cuda', but torch finds no CUDA device; use 'auto' or 'cpu'.")
     use_cuda = device == "cuda" or (device == "auto" and torch.cuda.is_available())
@@ -39,10 +35,7 @@ class TensorBackend(MapperBackend):
 
     def __init__(self, config: MappingConfig, device: str, chunk: int | None = None) -> None:
         """Choose the device. ``device`` is "auto", "cpu" or "cuda"; ``chunk`` are points per query, None = what suits
-        the device.
-
-        Raises:
-            MapError: If the device is unknown or absent.
+        the device. Raises MapError if the device is unknown or absent.
         """
         self.config = config
         self._device = resolve_device(device)

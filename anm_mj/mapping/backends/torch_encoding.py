@@ -82,11 +82,9 @@ class HashGrid:
         self._offsets = offsets[:, None]
 
     def corners(self, points_m: Float[Tensor, "n 3"]) -> tuple[Int32[Tensor, "8 m"], Float[Tensor, "8 m"]]:
-        """Entries and trilinear weights of the eight cell corners about each point, for all levels.
-
-        Returns:
-            Indices into the whole table and weights, with ``m = levels * n``, level-major, so that one level's table
-            stays in the cache while it is read.
+        """Entries and trilinear weights of the eight cell corners about each point, for all levels. Returns indices
+        into the whole table and weights, with ``m = levels * n``, level-major, so that one level's table stays in the
+        cache while it is read.
         """
         n = points_m.shape[0]
         scaled = points_m.t()[:, None, :] * self._cells_per_m.to(points_m.dtype)

@@ -36,7 +36,8 @@ def ray_losses(
     """Colour, depth, SDF and free-space terms of a batch of rays.
 
     Both SDF terms are means over all samples of the batch, and each is weighted by the other's share of the supervised
-    samples. On a ray without depth, all samples are free or none is, as ``config.no_depth_is_free`` says.
+    samples. On a ray without depth, all samples are free or none is, as ``config.no_depth_is_free`` says. Returns the
+    terms, without smoothness.
 
     Args:
         s: Predicted SDF in fractions of the truncation.
@@ -48,9 +49,6 @@ def ray_losses(
         valid: Rays with a surface in range.
         truncation_m: Truncation distance [m].
         config: Weights of the terms.
-
-    Returns:
-        The terms, without smoothness.
     """
     depth = torch.where(valid, depth_m, 0.0)[:, None]
     hit = valid[:, None]

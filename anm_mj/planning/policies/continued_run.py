@@ -21,15 +21,12 @@ def is_known_place(prior_poses: Float[np.ndarray, "n 3"], observation: Observati
 
 
 def remembered(prior: ExploredState, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
-    """An array of numbers that a policy remembered; None where it did not.
+    """An array of numbers that a policy remembered; None where it did not. Raises PlanError if it has another shape.
 
     Args:
         prior: the prior run.
         name: of the array.
         shape: its axes; None = any length.
-
-    Raises:
-        PlanError: it has another shape.
     """
     array = prior.memory.get(name)
     if array is None:

@@ -21,7 +21,7 @@ def make_policy(
     truth: object = None,
     goal: str = DEFAULT_GOAL,
 ) -> Policy:
-    """A policy for a robot.
+    """A policy for a robot. Raises PlanError if there is no such policy, or it cannot be made.
 
     Args:
         name: name of a policy, or ``module:Class``.
@@ -30,9 +30,6 @@ def make_policy(
         seed: of what the policy draws.
         truth: the true scene, for a policy that needs it.
         goal: what the run is for: ``coverage``, ``reconstruction`` or ``both``.
-
-    Raises:
-        PlanError: there is no such policy, or it cannot be made.
     """
     told = default_settings(name) if settings is None else settings
     return registry.make_policy(name, PolicyContext(footprint, told, PlanningConfig(), seed, truth, goal))

@@ -73,11 +73,7 @@ def policies() -> Mapping[str, PolicyEntry]:
 
 
 def policy_entry(name: str) -> PolicyEntry:
-    """The entry of a policy, or one without needs for ``module:Class``.
-
-    Raises:
-        PlanError: the name is neither.
-    """
+    """The entry of a policy, or one without needs for ``module:Class``. Raises PlanError if the name is neither."""
     # Reading the entry points takes longer than most commands that name one of these.
     if name in _OWN:
         return _OWN[name]
@@ -97,13 +93,11 @@ def needs_truth(name: str) -> bool:
 
 
 def policy_class(name: str) -> Any:
-    """The class of a policy.
+    """The class of a policy. Raises PlanError if the name is unknown, or the module or class cannot be found or lacks a
+    method.
 
     Args:
         name: a key of :func:`policies`, or ``module:Class`` for one of the user's own.
-
-    Raises:
-        PlanError: the name is unknown, or the module or class cannot be found or lacks a method.
     """
     module_name, _, class_name = policy_entry(name).path.partition(":")
     try:
@@ -121,10 +115,8 @@ def policy_class(name: str) -> Any:
 
 
 def default_settings(name: str) -> Any:
-    """The settings of a policy where nothing else is asked for: an instance of its class's ``Config``.
-
-    Raises:
-        PlanError: there is no such policy.
+    """The settings of a policy where nothing else is asked for: an instance of its class's ``Config``. Raises PlanError
+    if there is no such policy.
     """
     from anm_mj.planning.policies.context import PolicyConfig  # Names alone should not cost the import of numpy.
 
@@ -140,11 +132,7 @@ def default_settings(name: str) -> Any:
 
 
 def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
-    """A policy by its name.
-
-    Raises:
-        PlanError: there is no such policy, or its class cannot be made from a context.
-    """
+    """A policy by its name. Raises PlanError if there is no such policy, or its class cannot be made from a context."""
     made = policy_class(name)
     try:
         return made(context)

@@ -50,7 +50,8 @@ def generate_scene(
     overwrite: bool = True,
     moved: int = 0,
 ) -> Scene:
-    """Make a furnished building and write it as a scene folder; the same bytes for the same arguments.
+    """Make a furnished building and write it as a scene folder; the same bytes for the same arguments. Raises
+    SceneError if an argument is out of its range or the folder cannot be written.
 
     Args:
         out: The scene folder to make; one already there is replaced.
@@ -61,9 +62,6 @@ def generate_scene(
         overwrite: False to refuse a folder that holds a scene already.
         moved: Number of pieces of furniture that stand elsewhere than in the scene of the same rooms, seed and kind;
             ``moved.json`` in the folder says which, from where and to where.
-
-    Raises:
-        SceneError: if an argument is out of its range or the folder cannot be written.
     """
     check_destination(out, overwrite)
     if moved < 0:

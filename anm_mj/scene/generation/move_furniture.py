@@ -45,10 +45,8 @@ def move_furniture(
 ) -> tuple[list[FurnishedRoom], list[Move]]:
     """Put ``count`` pieces, chosen by ``seed``, to other places in their rooms, none where any piece stood before.
 
-    ``is_passable`` says whether the robot still gets everywhere among the furniture.
-
-    Raises:
-        SceneError: fewer pieces can be moved.
+    ``is_passable`` says whether the robot still gets everywhere among the furniture. Raises SceneError if fewer pieces
+    can be moved.
     """
     rng = np.random.default_rng([seed, 3])
     movable = [

@@ -51,7 +51,8 @@ def import_scene(
     """Make the scene folder ``out`` from a mesh, a Gazebo or MuJoCo world, a scene of a data set or a floor plan.
 
     The scene is rotated to z up, scaled to metres and lowered onto its floor; x and y stay. One log line and scene.toml
-    say which axes and units were found or given. What cannot be imported is logged, a sentence per problem.
+    say which axes and units were found or given. What cannot be imported is logged, a sentence per problem. Raises
+    SceneError if the source cannot be used, an option has no meaning for it, or the folder cannot be written.
 
     Args:
         src: The file, the folder of a scene of a known layout, or a name such as "molmospaces:procthor-10k-val/12".
@@ -74,9 +75,6 @@ def import_scene(
         groups: MuJoCo worlds: geom groups that are drawn; None for those that MuJoCo draws, 0 to 2.
         root: Where the data set of a name lies; None for what its environment variable says.
         overwrite: False to refuse a folder that holds a scene already.
-
-    Raises:
-        SceneError: if the source cannot be used, an option has no meaning for it, or the folder cannot be written.
     """
     src, out = Path(src), Path(out)
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):

@@ -80,9 +80,7 @@ class KinematicDrive(WheelDrive):
 
     def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> Pose2:
         """Write positions and time after some actions into other data of the same model, as if nothing were in the way.
-
-        Returns:
-            The pose of the base then.
+        Returns the pose of the base then.
         """
         base = next((base for known, base in self._ahead if known is data), None)
         if base is None:

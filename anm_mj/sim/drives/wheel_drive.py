@@ -40,7 +40,7 @@ class WheelDrive:
         *,
         period_s: float,
     ):
-        """Drive ``data`` from the present pose of its base.
+        """Drive ``data`` from the present pose of its base. Raises RobotError if the model lacks a joint of the robot.
 
         Args:
             model: the robot, alone or in a scene.
@@ -50,9 +50,6 @@ class WheelDrive:
             odometer: reads the wheels; None = one without noise.
             prefix: stands before the robot's names in the scene.
             period_s: time between two commands of the look-at controller [s].
-
-        Raises:
-            RobotError: if the model lacks a joint of the robot.
         """
         self._data = data
         self._base = simulated_base(model, data, prefix, description)

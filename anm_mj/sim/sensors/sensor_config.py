@@ -78,11 +78,7 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     as with wheels of unequal radius."""
 
     def __post_init__(self) -> None:
-        """Refuse what no sensor does.
-
-        Raises:
-            RobotError: a choice is unknown, or a number is out of its range.
-        """
+        """Refuse what no sensor does. Raises RobotError if a choice is unknown, or a number is out of its range."""
         super().__post_init__()
         if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):
             raise RobotError(

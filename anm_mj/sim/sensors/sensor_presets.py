@@ -51,11 +51,7 @@ SENSORS: dict[str, SensorConfig] = {
 
 
 def sensor_config(name: str) -> SensorConfig:
-    """The settings of a sensor by its name.
-
-    Raises:
-        RobotError: there is no sensor of that name.
-    """
+    """The settings of a sensor by its name. Raises RobotError if there is no sensor of that name."""
     if name not in SENSORS:
         raise RobotError(f"There is no sensor '{name}'{close_name(name, SENSORS)}; choose one of {', '.join(SENSORS)}.")
     return SENSORS[name]

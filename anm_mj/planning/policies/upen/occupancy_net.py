@@ -45,10 +45,8 @@ def layer_shapes() -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def load_ensemble(path: Path) -> list[Weights]:
-    """The networks of a file that ``scripts/train_upen.py`` wrote.
-
-    Raises:
-        PlanError: the file is missing, or holds other layers than :func:`layer_shapes` names.
+    """The networks of a file that ``scripts/train_upen.py`` wrote. Raises PlanError if the file is missing, or holds
+    other layers than :func:`layer_shapes` names.
     """
     if not path.is_file():
         raise PlanError(f"The weights of this policy are not at {path}; make them with scripts/train_upen.py.")

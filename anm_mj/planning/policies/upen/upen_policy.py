@@ -64,10 +64,8 @@ class Upen(ScanPolicy):
     REBUILT = ("_ensemble",)
 
     def __init__(self, context: PolicyContext[UpenConfig]):
-        """Load the networks and start with an empty grid.
-
-        Raises:
-            PlanError: the weights are missing or of another shape.
+        """Load the networks and start with an empty grid. Raises PlanError if the weights are missing or of another
+        shape.
         """
         self.config = context.settings
         self._ensemble = load_ensemble(WEIGHTS)

@@ -96,10 +96,8 @@ class GltfFile:
 
 
 def open_gltf(src: Path, size: int) -> GltfFile:
-    """A .gltf or .glb of ``size`` bytes (glTF 2.0, section 4.4).
-
-    Raises:
-        OSError, ValueError, struct.error: It cannot be read, or is none.
+    """A .gltf or .glb of ``size`` bytes (glTF 2.0, section 4.4). Raises OSError, ValueError or struct.error if it
+    cannot be read, or is none.
     """
     body = 0
     with open_regular(src) as file:
