@@ -174,7 +174,8 @@ class FieldLocaliser:
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
-        self._key_images.see(replace(image, T_world_camera=estimate.observation.T_world_camera))
+        T_world_camera = estimate.observation.T_world_camera
+        self._key_images.see(replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance))
         return estimate
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
@@ -184,7 +185,7 @@ class FieldLocaliser:
             # At first the map has not seen the sensor yet.
             noise = self._noise_per_m
             noise = noise if math.isfinite(noise) else inverse_depth_noise(estimate.observation.depth_m) or 0.0
-            self._key_images.add(estimate.observation, noise)
+            self._key_images.add(estimate.observation, noise, estimate.covariance)
         update = self._map.integrate(estimate.observation, effort)
         if effort.is_keyframe:
             self._correct(estimate.observation)
@@ -230,6 +231,7 @@ class FieldLocaliser:
         """Compares a frame with earlier ones that overlap it; None where no image is needed."""
         config = self.config.key_images
         images = self._key_images.overlapping(points, T_world_camera) if config.num_images else []
+        self._key_images.refer_to(images)
         if not images and not self.config.graph.is_on:
             return None
         noise = self._noise_per_m
@@ -255,6 +257,7 @@ class FieldLocaliser:
         finder.restart()
         self._state, self._misfits = TrackingState.TRACKING, 0
         self._covariance = believed.found.covariance
+        self._key_images.refer_to(self._key_images.overlapping(points, believed.T_world_camera))
         found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
         # The jump from where it was believed to be is no motion.
         self._T_last_now = np.eye(4)
@@ -265,19 +268,11 @@ class FieldLocaliser:
         if self._T_world_camera is None:
             return Prior(observation.T_world_camera, self._covariance, self._basis)
         self._scale = self._motion_noise.scale
+        before = self._T_world_camera, self._covariance, self._basis
         if self._odometry and self._T_odometry is not None:
-            return moved_by_odometry(
-                self._T_world_camera,
-                self._covariance,
-                self._basis,
-                self._T_odometry,
-                observation.T_world_camera,
-                self.config.motion,
-                self._scale,
-            )
-        return moved_at_constant_velocity(
-            self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion, self._scale
-        )
+            T_now = observation.T_world_camera
+            return moved_by_odometry(*before, self._T_odometry, T_now, self.config.motion, self._scale)
+        return moved_at_constant_velocity(*before, self._T_last_now, self.config.motion, self._scale)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
         return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))
@@ -331,11 +326,11 @@ class FieldLocaliser:
             quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(observation, T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
+        position_m, rotation_rad = largest_deviations(covariance)
+        told = replace(placed, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
+        covariance = covariance + self._key_images.map_covariance(T_world_camera)
         usable = usable and self._state is TrackingState.TRACKING
-        estimate = PoseEstimate(placed, covariance, quality, self._state, usable)
-        deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
-        told = replace(placed, position_deviation_m=deviations[0], heading_deviation_rad=deviations[1])
-        return replace(estimate, observation=told)
+        return PoseEstimate(told, covariance, quality, self._state, usable)
 
     def _base(self, observation: Observation, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
         if self._base_pose is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float16, Float32, Float64, UInt8
@@ -18,6 +18,7 @@ from scipy import ndimage
 from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.registration import Sums
+from anm_mj.localisation.se3 import carried
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
@@ -54,6 +55,8 @@ class KeyImage:
     """fx, fy, cx, cy [px]."""
     T_world_camera: Float[np.ndarray, "4 4"]
     step: int
+    covariance: Float[np.ndarray, "6 6"] = field(default_factory=lambda: np.zeros((6, 6)))
+    """Of its pose in the world, as of :class:`~.localiser.PoseEstimate`."""
     radius_px: int = 0
     """Depth is the mean of a square about each pixel that reaches so far."""
     node: int = -1
@@ -109,7 +112,7 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
         camera,
         observation.T_world_camera,
         observation.step,
-        radius,
+        radius_px=radius,
     )
 
 
@@ -137,6 +140,8 @@ class KeyImages:
         self.images: list[KeyImage] = []
         self._last: KeyImage | None = None
         """Of the last frame whose pose is known."""
+        self._reference: tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"]] | None = None
+        """Pose of an earlier frame that shows the same part of the map as the present one, and its covariance."""
 
     def see(self, image: KeyImage) -> None:
         """Take a frame whose pose is known as the last one, until the next."""
@@ -146,11 +151,17 @@ class KeyImages:
         """The next frame does not follow a known one."""
         self._last = None
 
-    def add(self, observation: Observation, noise_per_m: float) -> None:
-        """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square."""
+    def add(
+        self, observation: Observation, noise_per_m: float, covariance: Float[np.ndarray, "6 6"] | None = None
+    ) -> None:
+        """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square.
+
+        ``covariance`` is that of the pose in the world; None = it is exact.
+        """
         image = self._last
         if image is None or image.T_world_camera is not observation.T_world_camera:
             image = key_image(observation, self.config.longest_px, noise_per_m)
+            image = image if covariance is None else replace(image, covariance=covariance)
         self.images.append(image)
         if len(self.images) > self.config.most_images:
             poses = np.stack([image.T_world_camera for image in self.images])
@@ -172,6 +183,18 @@ class KeyImages:
             best = late[int(np.argmax(share[len(early) :]))]
             chosen += [best] if all(best.step != image.step for image in chosen) else []
         return chosen
+
+    def refer_to(self, images: Sequence[KeyImage]) -> None:
+        """The oldest of the images that a frame is compared with tells how well the place of the map is known there."""
+        if images:
+            self._reference = images[0].T_world_camera, images[0].covariance
+
+    def map_covariance(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6 6"]:
+        """How uncertain the map stands in the world where a camera sees it.
+
+        A frame is registered to what earlier frames put into the map, with the errors of their poses.
+        """
+        return np.zeros((6, 6)) if self._reference is None else carried(*self._reference, T_world_camera)
 
     def shares(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[tuple[float, KeyImage]]:
         """Which share of a frame's points each image shows, of those that were taken near enough."""

@@ -64,3 +64,16 @@ def camera_motion(
     """The change that :func:`moved_camera` needs to bring the first pose to the second."""
     turned = rotation_vector(T_world_to[:3, :3] @ T_world_from[:3, :3].T)
     return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turned))
+
+
+def carried(
+    T_world_from: Float[np.ndarray, "4 4"],
+    covariance: Float[np.ndarray, "6 6"],
+    T_world_to: Float[np.ndarray, "4 4"],
+) -> Float[np.ndarray, "6 6"]:
+    """Covariance of a pose that stands to another one as if both were rigid, from that one's: an error of its rotation
+    is one of the place, too.
+    """
+    transition = np.eye(6)
+    transition[:3, 3:] = -skew(T_world_to[:3, 3] - T_world_from[:3, 3])
+    return transition @ covariance @ transition.T
