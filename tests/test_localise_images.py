@@ -57,6 +57,7 @@ def test_all_images_of_a_walk_are_found_also_those_before_the_first_that_was(map
     assert all(0.0 < pose["deviation_m"] < 0.05 for pose in out["poses"])
 
 
+@pytest.mark.slow
 def test_single_images_are_found_one_by_one(mapped, tmp_path):
     places = [(1.2, 1.3, 2.0), (1.9, 1.9, 2.5), (1.5, 1.3, 0.2)]
     out = localised(mapped, write(tmp_path / "scattered", places), tmp_path / "out", "--single")

@@ -99,12 +99,15 @@ def test_what_was_mapped_before_an_error_is_kept(sequence, tmp_path, capsys):
     assert (metrics["frames"], metrics["left_out_frames"]) == (8, 8)
 
 
-@pytest.mark.parametrize("tracked", [(), pytest.param(("--track",), marks=pytest.mark.slow)])
-def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(sequence, tmp_path, capsys, tracked):
+@pytest.mark.parametrize(
+    "options",
+    [(), *(pytest.param(words, marks=pytest.mark.slow) for words in (("--shadow",), ("--shadow", "--track")))],
+)
+def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(sequence, tmp_path, capsys, options):
     """Images that were missing come back; the maps are the same, byte for byte."""
     folder, out, whole = tmp_path / "walk", tmp_path / "out", tmp_path / "whole"
     shutil.copytree(sequence, folder)
-    words = ["map", str(folder), "--preset", "quick", "--shadow", *tracked]
+    words = ["map", str(folder), "--preset", "quick", *options]
     words += ["--set", "mapping.schedule.final_iterations=1"]
     assert main([*words, "--out", str(whole)]) == 0
     for step in range(5, 12):

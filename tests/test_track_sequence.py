@@ -131,6 +131,7 @@ def test_poses_of_the_sequence_are_a_prior_and_their_gaps_are_bridged(tmp_path, 
     np.testing.assert_allclose(first, walk(0), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_prior_with_other_camera_axes_is_put_right(tmp_path):
     folder = write(tmp_path / "walk", poses=range(FRAMES), axes="RUB")
     out = tmp_path / "out"
@@ -148,6 +149,7 @@ def test_a_reference_of_the_sequence_itself_is_no_prior(tmp_path, capsys):
     assert "ATE RMSE, aligned" in words
 
 
+@pytest.mark.slow
 def test_a_gap_is_lost_named_and_not_mapped(tmp_path, capsys):
     folder = write(tmp_path / "walk", gap=GAP)
     out = tmp_path / "out"

@@ -82,6 +82,7 @@ def test_a_seed_gives_the_same_run_and_an_interrupted_one_goes_on_to_the_same_en
     assert (tmp_path / "run" / "mesh.ply").read_bytes() == (localised[0] / "mesh.ply").read_bytes()
 
 
+@pytest.mark.slow
 def test_late_images_are_mapped_where_they_were_taken(scene, localised, tmp_path):
     late, often = ("sensor.delay_s=0.15", "sensor.stamp_error_s=0.01"), "checkpoint.every_steps=5"
     metrics = explore(scene, tmp_path / "run", *late)
@@ -117,6 +118,7 @@ def kidnap(monkeypatch, at_step, forward_m, turn_rad):
     monkeypatch.setattr(SimRobot, "act", moved)
 
 
+@pytest.mark.slow
 def test_a_robot_that_somebody_moved_maps_nothing_until_it_knows_where_it_is(scene, tmp_path, monkeypatch):
     kidnap(monkeypatch, 45, 0.0, np.pi / 2)
     seen = []
