@@ -33,9 +33,9 @@ _RELAXATION_S = 0.5
 _WALL_MPS2, _WALL_M = 10.0, 0.08
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _FASTEST_SHARE = 1.3
-_STUCK_S, _YIELD_S, _JAM_M = 5.0, 1.5, 1.0
-"""Who gets nowhere for so long chooses another place, sooner where one before it in the list is so near: two who meet
-would wait for each other."""
+_STUCK_S, _YIELD_S, _JAM_M, _SPOT_S = 5.0, 1.5, 1.0, 0.5
+"""Who stays on a spot, as wide as it walks in the last time, for so long chooses another place, sooner where one before
+it in the list is so near: two who meet would wait for each other."""
 _YIELD_TRIES = 10
 _NEAREST_GOAL_M = 2.0
 _ROBOT_START_M, _APART_M = 1.5, 0.8
@@ -48,8 +48,7 @@ _FAR_M = 1e3  # A vacuum robot drives towards a place so far away, until it meet
 _BERTH_M = 0.1  # Things stop so far before the robot.
 _PUSHED_M, _CHAIR_CLEAR_M = 0.7, 0.7
 """A chair is pushed so far, with so much clearance before and after: others can pass it."""
-_TRIES = 200
-_STRIDE_PER_HEIGHT = 0.75  # A stride is two steps.
+_TRIES, _STRIDE_PER_HEIGHT = 200, 0.75  # A stride is two steps.
 
 
 class Crowd:
@@ -107,8 +106,8 @@ class Crowd:
         self._velocity_mps = np.zeros((count, 2))
         self._num_goals = np.zeros(count, np.int64)
         self._stand_until_s = random.uniform(0.0, max(config.longest_stand_s, 1e-9), count)
-        self._progress_s = np.zeros(count)
-        """When each was last seen to get on."""
+        self._progress_s, self._spot_m = np.zeros(count), self.xy_m.copy()
+        """When each last came to another spot, and which [m]."""
         self._path: list[Float[np.ndarray, "k 2"]] = [self.xy_m[i : i + 1].copy() for i in range(count)]
         things = slice(config.number, config.number + config.vacuums)
         self._speed_mps[things], self._stand_until_s[config.number - config.followers : things.stop] = _VACUUM_MPS, 0.0
@@ -123,9 +122,9 @@ class Crowd:
     def copied(self) -> Crowd:
         """The same people, to move on by themselves."""
         other = copy.copy(self)
-        for name in ("xy_m", "yaw_rad", "phase_rad", "swing", "_velocity_mps", "_num_goals", "_stand_until_s"):
+        moving = "xy_m", "yaw_rad", "phase_rad", "swing", "_velocity_mps", "_num_goals", "_stand_until_s", "_progress_s"
+        for name in (*moving, "_spot_m", "_path"):
             setattr(other, name, getattr(self, name).copy())
-        other._progress_s, other._path = self._progress_s.copy(), list(self._path)
         other.doors = self.doors.copied()
         return other
 
@@ -250,9 +249,10 @@ class Crowd:
     def _put(self, one: int, x: float, y: float, vx: float, vy: float, walks: bool) -> None:
         """Note where a person is now, and turn and swing its limbs as its velocity [m/s] says."""
         time_s, speed = self._num_periods * PERIOD_S, math.hypot(vx, vy)
-        if speed > 0.3 * self._speed_mps[one] or not walks:
-            self._progress_s[one] = time_s
         self.xy_m[one] = x, y
+        # Who is pushed to and fro before somebody gets nowhere.
+        if math.dist((x, y), self._spot_m[one]) > _SPOT_S * self._speed_mps[one] or not walks:
+            self._progress_s[one], self._spot_m[one] = time_s, (x, y)
         self._velocity_mps[one] = vx, vy
         if speed > 0.1:
             turn = math.remainder(math.atan2(vy, vx) - self.yaw_rad[one], math.tau)

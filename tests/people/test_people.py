@@ -57,6 +57,22 @@ def test_people_walk_on_the_floor_and_touch_nobody(floor, scene):
     assert clear_m >= BODY.radius_m
 
 
+def test_who_is_pushed_to_and_fro_before_somebody_goes_elsewhere(floor, scene):
+    """As a person does for ever that meets a robot where neither can pass the other."""
+    crowd = crowd_of(floor, scene, number=1, longest_stand_s=0.0)
+    robot = scene.starts[0].xy_m
+    walked(crowd, robot, 3.0)
+    (x, y), goals = crowd.xy_m[0].tolist(), int(crowd._num_goals[0])
+    for k in range(round(6.0 / PERIOD_S)):
+        crowd._num_periods += 1
+        sign = 1 - 2 * (k % 2)
+        crowd._put(0, x + 0.03 * sign, y, 0.6 * sign, 0.0, walks=True)
+
+    crowd.follow(crowd.next_s, robot)
+
+    assert crowd._num_goals[0] == goals + 1
+
+
 def test_the_seed_decides_where_people_walk(floor, scene):
     robot = scene.starts[0].xy_m
     first, again, other = (walked(crowd_of(floor, scene, seed, number=2), robot, 5.0) for seed in (0, 0, 1))
