@@ -108,6 +108,8 @@ def test_the_floor_tells_height_and_tilt(pitch):
     )
     T[2, 3] = 1.1
     points = ((np.vstack((floor, wall)) - T[:3, 3]) @ T[:3, :3]).astype(np.float32)
-    np.testing.assert_allclose(pose_above_floor(points, rng), T, atol=1e-3)
+    found = pose_above_floor(points, rng)
+    assert found is not None
+    np.testing.assert_allclose(found, T, atol=1e-3)
     assert pose_above_floor(points[300:], rng) is None
     assert pose_above_floor(points[:10], rng) is None
