@@ -231,7 +231,7 @@ class FieldLocaliser:
         """Compares a frame with earlier ones that overlap it; None where no image is needed."""
         config = self.config.key_images
         images = self._key_images.overlapping(points, T_world_camera) if config.num_images else []
-        self._key_images.refer_to(images)
+        self._key_images.refer_to(images, T_world_camera)
         if not images and not self.config.graph.is_on:
             return None
         noise = self._noise_per_m
@@ -257,7 +257,7 @@ class FieldLocaliser:
         finder.restart()
         self._state, self._misfits = TrackingState.TRACKING, 0
         self._covariance = believed.found.covariance
-        self._key_images.refer_to(self._key_images.overlapping(points, believed.T_world_camera))
+        self._key_images.refer_to([], believed.T_world_camera)
         found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
         # The jump from where it was believed to be is no motion.
         self._T_last_now = np.eye(4)

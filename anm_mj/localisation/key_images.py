@@ -173,21 +173,27 @@ class KeyImages:
     def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
         """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most."""
         config = self.config
-        near = [self.images[k] for k in self._near(T_world_camera)] if self.images else []
+        near = [self.images[k] for k in self._near(T_world_camera)]
         late = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
         early = near[:_MOST_TRIED] if config.num_images > 1 else []
         share = _shares_in([*early, *late], points, T_world_camera)
         enough = (k for k in range(len(early)) if share[k] >= config.least_overlap)
-        chosen = [early[k] for k in itertools.islice(enough, config.num_images - 1)]
+        chosen = [early[k] for k in itertools.islice(enough, max(0, config.num_images - 1))]
         if late:
             best = late[int(np.argmax(share[len(early) :]))]
             chosen += [best] if all(best.step != image.step for image in chosen) else []
         return chosen
 
-    def refer_to(self, images: Sequence[KeyImage]) -> None:
-        """The oldest of the images that a frame is compared with tells how well the place of the map is known there."""
-        if images:
-            self._reference = images[0].T_world_camera, images[0].covariance
+    def refer_to(self, images: Sequence[KeyImage], T_world_camera: Float[np.ndarray, "4 4"]) -> None:
+        """The oldest image that shows the same part of the map tells how well its place is known.
+
+        That is the oldest of the images that a frame is compared with, or of those that were taken near its camera. The
+        last frame is none: its covariance holds that of the map already, which would be added again with every frame.
+        """
+        kept = [image for image in images if image is not self._last]
+        kept = kept or [self.images[k] for k in self._near(T_world_camera)]
+        if kept:
+            self._reference = kept[0].T_world_camera, kept[0].covariance
 
     def map_covariance(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6 6"]:
         """How uncertain the map stands in the world where a camera sees it.
@@ -202,7 +208,9 @@ class KeyImages:
         return list(zip(_shares_in(near, points, T_world_camera), near, strict=True))
 
     def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[int]:
-        """Images that were taken near a camera, in a like direction."""
+        """Images that were taken near a camera, in a like direction, the oldest first."""
+        if not self.images:
+            return []
         poses = np.stack([image.T_world_camera for image in self.images])
         apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
         alike = poses[:, :3, 2] @ T_world_camera[:3, 2] >= self.config.least_cosine

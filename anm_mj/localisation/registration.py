@@ -319,7 +319,8 @@ def register_from_several(
         if value < lowest:
             best, lowest, times = found, value, times * is_same + 1
         else:
-            times += is_same
+            # All may have come back to a place that nobody believes.
+            times += is_same and lowest < np.inf
         if times >= config.retry_agreeing:
             break
     return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)

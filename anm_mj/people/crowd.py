@@ -34,8 +34,8 @@ _WALL_MPS2, _WALL_M = 10.0, 0.08
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _FASTEST_SHARE = 1.3
 _STUCK_S, _YIELD_S, _JAM_M, _SPOT_S = 5.0, 1.5, 1.0, 0.5
-"""Who stays on a spot, as wide as it walks in the last time, for so long chooses another place, sooner where one before
-it in the list is so near: two who meet would wait for each other."""
+"""Who gets no farther in ``_STUCK_S`` than it walks in ``_SPOT_S`` chooses another place; in ``_YIELD_S`` already where
+somebody before it in the list is within ``_JAM_M``, since two who meet would wait for each other."""
 _YIELD_TRIES = 10
 _NEAREST_GOAL_M = 2.0
 _ROBOT_START_M, _APART_M = 1.5, 0.8
@@ -311,7 +311,7 @@ class Crowd:
             if not stuck or (path[min(round(_AHEAD_M / 0.1), len(path) - 1)] - here) @ away > 0.0:
                 break
         self._path[one] = path
-        self._progress_s[one] = time_s
+        self._progress_s[one], self._spot_m[one] = time_s, here
         if not stuck:
             self._stand_until_s[one] = time_s + random.uniform(0.0, max(self.config.longest_stand_s, 1e-9))
         return stuck

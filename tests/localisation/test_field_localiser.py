@@ -120,11 +120,33 @@ def test_a_blind_frame_keeps_the_prior_and_its_doubt(
     assert math.isnan(after.quality.rmse_m)
 
 
-def test_a_kidnapped_camera_is_noticed_and_found(
-    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room
+def test_the_stated_covariance_holds_that_of_the_map(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap],
+) -> None:
+    _, estimates, _ = tracked
+    within = np.array([estimate.observation.position_deviation_m for estimate in estimates])
+    stated = np.array([estimate.position_deviation_m for estimate in estimates])
+    assert (stated >= within).all()
+    assert (stated[10:] > within[10:]).all()
+
+
+def test_a_map_that_stands_still_adds_no_doubt_with_every_frame(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap],
 ) -> None:
     frames, _, neural_map = tracked
     localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=True, odometry=True)
+    estimates = track(localiser, neural_map, frames[:25], learn=False)
+    stated = np.array([estimate.position_deviation_m for estimate in estimates])
+    assert stated[20:].max() < 1.5 * stated[3:8].max()
+
+
+@pytest.mark.parametrize("num_images", [CONFIG.key_images.num_images, 0])
+def test_a_kidnapped_camera_is_noticed_and_found(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room, num_images: int
+) -> None:
+    frames, _, neural_map = tracked
+    config = replace(CONFIG, key_images=replace(CONFIG.key_images, num_images=num_images))
+    localiser = FieldLocaliser(neural_map, config, seed=0, planar=True, odometry=True)
     track(localiser, neural_map, frames[:3], learn=False)
     # Carried 0.7 m away and turned by 90 degrees; odometry goes on as if nothing had happened.
     there = [room.observe(1.0, 1.0, math.pi / 2 + TURN * k, size=96, step=k) for k in range(30)]

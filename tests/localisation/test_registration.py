@@ -1,8 +1,10 @@
 """Which of several registrations is believed: with a field of one dimension that has a false minimum."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
+import pytest
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.registration import PLANAR, Prior, register, register_from_several
@@ -62,6 +64,23 @@ def test_a_pose_that_the_map_contradicts_is_not_taken() -> None:
     arguments = points, prior, align, lambda at: np.ones(len(at), bool), contradicted, CONFIG, None
     best = register_from_several(*arguments, np.random.default_rng(1), first)
     assert best is first
+
+
+@pytest.mark.parametrize(("agreeing", "most_prior", "ends_early"), [(2, 1e6, True), (13, 1e6, False), (2, 1e-6, False)])
+def test_the_search_ends_where_starts_agree_about_a_place_that_can_be_believed(
+    agreeing, most_prior, ends_early
+) -> None:
+    points = frame()
+    T = np.eye(4)
+    T[0, 3] = FALSE_M - 0.02
+    prior = Prior(T, np.diag([0.05**2, 0.01**2, 0.01**2]), PLANAR)
+    arguments = points, prior, align, lambda at: np.ones(len(at), bool)
+    config = replace(CONFIG, retry_starts=12, retry_agreeing=agreeing, most_prior=most_prior)
+    rng = Mock(np.random.Generator, wraps=np.random.default_rng(1))
+
+    register_from_several(*arguments, lambda _points, _T: 0.0, config, None, rng, register(*arguments, config))
+
+    assert (rng.standard_normal.call_count < 12) is ends_early
 
 
 def test_a_jump_is_not_taken() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -21,7 +20,6 @@ from anm_mj.utils.read_file import read_bytes
 FOLDER = "anm_mj_folder"
 """Attribute of a model: the folder of its file, from which relative paths start."""
 _MAX_DEPTH = 16
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _NO_MODEL = (
     "Not found: the models {names}, which are left out; give the folders that hold them with --model-path, "
     "or in GZ_SIM_RESOURCE_PATH or GAZEBO_MODEL_PATH."
@@ -158,11 +156,20 @@ def _parse(file: Path) -> ET.Element:
             return ET.fromstring(content)
         except ET.ParseError:
             # Gazebo takes comments that XML forbids, those with two hyphens in them.
-            return ET.fromstring(_COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), content))
+            return ET.fromstring(_without_comments(content))
     except ET.ParseError as err:
         raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:
         raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
+
+
+def _without_comments(content: bytes) -> bytes:
+    """An XML file with the lines of its comments left blank, up to the first one that does not end."""
+    kept, at = [], 0
+    while (start := content.find(b"<!--", at)) >= 0 and (end := content.find(b"-->", start + 4)) >= 0:
+        kept += [content[at:start], b"\n" * content.count(b"\n", start, end)]
+        at = end + 3
+    return b"".join([*kept, content[at:]])
 
 
 def part_path(part: str, element: ET.Element, default: str) -> str:
