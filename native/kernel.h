@@ -22,7 +22,7 @@ struct Level {
     std::uint32_t mask[3];
 };
 
-// Shape of the field, settings of training; see anm_mj/mapping/config.py for what each means.
+// Shape of the field, settings of training; see anm_mj/mapping/mapping_config.py for what each means.
 struct Settings {
     int levels = 0, log2_table_size = 0, bins = 0, hidden = 0, geometry = 0;
     float bins_per_m[3] = {0.0F, 0.0F, 0.0F};

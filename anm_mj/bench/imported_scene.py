@@ -62,7 +62,7 @@ def find_imported(wanted: ImportedScene) -> Scene:
     if wanted.hash and scene.hash != wanted.hash:
         raise SceneError(
             f"Scene {wanted.name} in {scene.folder} is {scene.hash[:12]}, but the comparison's file says "
-            f"{wanted.hash[:12]}: results would not compare. Import it again, where no variable names folders of an "
-            f"installed Gazebo, whose materials would be taken, by:\n{wanted.instructions}"
+            f"{wanted.hash[:12]}: results would not compare. Import it again with GAZEBO_MODEL_PATH and "
+            f"GZ_SIM_RESOURCE_PATH unset, since Gazebo's own materials change the scene:\n{wanted.instructions}"
         )
     return scene

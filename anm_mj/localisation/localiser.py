@@ -50,7 +50,8 @@ class PoseEstimate:
     observation: Observation
     """The frame with the estimated pose (``T_world_camera`` and ``pose``)."""
     covariance: Float[np.ndarray, "6 6"]
-    """Of the camera's displacement in the world [m], then of its rotation vector about world axes [rad]."""
+    """Of the camera's displacement in the world [m], then of its rotation vector about world axes [rad]; with that of
+    the map, which the deviations of ``observation`` leave out."""
     quality: RegistrationQuality
     state: TrackingState
     usable: bool

@@ -253,7 +253,7 @@ class NeuralMap:
         """Begin with the map of a prior run, which must have this map's :attr:`config` but for effort and rates.
 
         A few frames that contradict it suffice to change it, and :meth:`changes` tells what they have changed. Raises
-        MapError if they do not fit this map.
+        MapError if ``saved`` or ``keyframes`` do not fit this map.
 
         Args:
             saved: the prior map.

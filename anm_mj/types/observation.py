@@ -114,7 +114,7 @@ class Observation:
     moved_m: Float32[np.ndarray, "h w"] | None = None
     """Planar depth of the pixels that moved [m], NaN elsewhere; ``depth_m`` has none there. None where none moved."""
     position_deviation_m: float = 0.0
-    """Largest standard deviation of the position along any direction [m]; 0 where nobody estimates it."""
+    """Largest standard deviation of the position in the map, in any direction [m]; 0 where nobody estimates it."""
     heading_deviation_rad: float = 0.0
     """That of the rotation about any axis [rad], likewise."""
     image_age_s: float = 0.0

@@ -1,4 +1,4 @@
-"""Every format is read back by another reader than ours, and compared with the run."""
+"""Every format is read back, by another reader than ours where there is one, and compared with the run."""
 
 import dataclasses
 import json
