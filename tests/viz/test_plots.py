@@ -73,6 +73,7 @@ def test_curve_is_drawn_however_short(tmp_path, num_rows):
         assert min(picture.size) > 500
 
 
+@pytest.mark.slow
 def test_print_and_vector_figures_have_the_same_bytes_every_time(tmp_path):
     for name in ("a", "b"):
         draw(tmp_path / f"{name}.png", kinds=KINDS)

@@ -98,6 +98,7 @@ def test_a_cached_tour_is_not_searched_again(rooms, monkeypatch):
     assert first_plan(rooms).actions == plan.actions
 
 
+@pytest.mark.slow
 def test_a_damaged_tour_in_the_cache_is_searched_again(rooms, tmp_path):
     plan = first_plan(rooms)
     (kept,) = (tmp_path / "cache").rglob("*.json")
