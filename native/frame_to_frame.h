@@ -10,8 +10,7 @@ using anm::FrameSums;
 using anm::FrameToFrame;
 using anm::GrayPoints;
 using anm::KeyView;
-
-constexpr float kMeasured = 65000.0F;  // depth of 16 bits that is not finite reads as at least 65536
+using anm::kMeasured;
 
 // Numbers of 16 bits (IEEE 754), in the low halves of integers.
 ANM_INLINE F from_half(I bits) {

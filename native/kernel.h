@@ -136,6 +136,8 @@ struct GrayPoints {
     int count = 0;
 };
 
+constexpr float kMeasured = 65000.0F;  // depth of 16 bits that is not finite reads as at least 65536
+
 // An earlier frame that others are compared with, and where one of them stands to it.
 struct KeyView {
     const std::uint16_t* depth = nullptr;  // of 16 bits (IEEE 754); 0 or not finite: not measured, negative: on no plane

@@ -6,9 +6,9 @@
 #include <cstring>
 #include <vector>
 
-namespace anm {
+#include "kernel.h"
 
-constexpr float kMeasured = 65000.0F;  // depth of 16 bits that is not finite reads as at least 65536
+namespace anm {
 
 // A number of 16 bits (IEEE 754).
 inline float from_half(std::uint16_t bits) {

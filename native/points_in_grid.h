@@ -5,11 +5,11 @@
 #include <cmath>
 #include <cstdint>
 
+#include "field_blocks.h"
+
 namespace anm {
 
 struct PointsGrid {
-    static constexpr std::int8_t kFree = 0, kOccupied = 1, kUnknown = -1;
-
     const std::int8_t* state = nullptr;
     const std::int8_t* log_odds = nullptr;  // may be null where state_at() is not asked
     std::int64_t layers = 0, rows = 0, cols = 0;
@@ -31,7 +31,7 @@ struct PointsGrid {
         for (const std::int64_t x : offset[0]) {
             for (const std::int64_t y : offset[1]) {
                 for (const std::int64_t z : offset[2]) {
-                    if (x >= 0 && y >= 0 && z >= 0 && state[x + y + z] == kOccupied) return true;
+                    if (x >= 0 && y >= 0 && z >= 0 && state[x + y + z] == kOccupiedState) return true;
                 }
             }
         }
@@ -44,10 +44,10 @@ struct PointsGrid {
         std::int64_t offset = 0;
         for (int axis = 0; axis < 3; ++axis) {
             const double voxel = std::rint(at[axis] / voxel_m) - static_cast<double>(corner[axis]);
-            if (!(voxel >= 0.0 && voxel < static_cast<double>(count[axis]))) return kUnknown;
+            if (!(voxel >= 0.0 && voxel < static_cast<double>(count[axis]))) return kUnknownState;
             offset += static_cast<std::int64_t>(voxel) * stride[axis];
         }
-        return state[offset] == kOccupied && log_odds[offset] < 0 ? kFree : state[offset];
+        return state[offset] == kOccupiedState && log_odds[offset] < 0 ? kFreeState : state[offset];
     }
 };
 
@@ -62,11 +62,11 @@ inline void agreement(const PointsGrid& grid, const double (&origin)[3], const d
     for (std::int64_t k = 0; k < num_shares && !blocked; ++k) {
         if (!((1.0 - shares[k]) * length > margin)) continue;
         const double place[3] = {origin[0] + shares[k] * ray[0], origin[1] + shares[k] * ray[1], origin[2] + shares[k] * ray[2]};
-        blocked = grid.state_at(place) == PointsGrid::kOccupied;
+        blocked = grid.state_at(place) == kOccupiedState;
     }
     const double end[3] = {at[0], at[1], at[2]};
     confirmed = near && !blocked;
-    contradicted = blocked || (!near && grid.state_at(end) == PointsGrid::kFree);
+    contradicted = blocked || (!near && grid.state_at(end) == kFreeState);
 }
 
 }  // namespace anm

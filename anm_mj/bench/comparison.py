@@ -72,8 +72,7 @@ def run_bench(
 
     Writes ``report.html`` (all in one page), ``results.csv`` (a row per run and budget), ``table.md``,
     ``data_card.md``, ``curves_<scene>`` (PNG, PDF, SVG), ``scene_<scene>.png``, ``overview.png`` and ``command.txt``;
-    the runs lie in ``runs/``. Tables are also written from time to time, to look at while the
-    comparison runs.
+    the runs lie in ``runs/``. Tables are also written from time to time, to look at while the comparison runs.
 
     Args:
         file: The TOML file (see :mod:`anm_mj.bench.sweep`).

@@ -26,11 +26,7 @@ def median_run(runs: Sequence[Result]) -> Result:
 
 def draw_scene(path: Path, scene: Scene, results: Sequence[Result]) -> list[Path]:
     """Draw the plan of a scene with the trajectory of the median run of each variant that ran from all starts. Returns
-    the files.
-
-    Raises:
-        OSError: A file cannot be written.
-        RunFolderError: The log of a run is damaged.
+    the files. Raises OSError if a file cannot be written, RunFolderError if the log of a run is damaged.
     """
     variants, left_out = drawn_variants(results)
     area = scene_area(scene, DEFAULT_FOOTPRINT)

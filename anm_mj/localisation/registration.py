@@ -317,7 +317,7 @@ def register_from_several(
         off, value = camera_motion(best.T_world_camera, found.T_world_camera), cost(found)
         is_same = math.hypot(*off[:3].tolist()) < _SAME_M and math.hypot(*off[3:].tolist()) < _SAME_RAD
         if value < lowest:
-            best, lowest, times = found, value, times * is_same + 1
+            best, lowest, times = found, value, times + 1 if is_same else 1
         else:
             # All may have come back to a place that nobody believes.
             times += is_same and lowest < np.inf

@@ -30,7 +30,7 @@ from anm_mj.mapping.occupancy_kernels import (
     unseen_voxels,
 )
 from anm_mj.sensing.pixel_state import free_space_depth
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
+from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
 
@@ -190,19 +190,11 @@ class DepthOccupancy:
         self.strays.set_array(strays)
         self.voxels = self.voxels._replace(column_version=np.full_like(self.voxels.column_version, self._num_frames))
 
-    def state_at(self, points_m: Float[np.ndarray, "n 3"], *, held: bool = True) -> Int[np.ndarray, " n"]:
-        """State of the voxels that hold world points; UNKNOWN outside the grid.
-
-        Args:
-            points_m: In the world [m].
-            held: Whether what moves and is taken for an obstacle counts as one, or as the free space that was seen.
-        """
+    def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+        """State of the voxels that hold world points [m]; UNKNOWN outside the grid."""
         inside, cells = self.voxels.cells_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
         out = np.full(len(points_m), UNKNOWN, np.int8)
-        state = self.voxels.state[cells]
-        if not held:
-            state = np.where((state == OCCUPIED) & (self.voxels.log_odds[cells] < 0), np.int8(FREE), state)
-        out[inside] = state
+        out[inside] = self.voxels.state[cells]
         return out
 
     def observation_count(

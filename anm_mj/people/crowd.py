@@ -29,10 +29,9 @@ from anm_mj.types import Footprint
 
 PERIOD_S = 0.1
 """People move in periods of this length [s]."""
-_RELAXATION_S = 0.5
+_RELAXATION_S, _FASTEST_SHARE = 0.5, 1.3
 _WALL_MPS2, _WALL_M = 10.0, 0.08
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
-_FASTEST_SHARE = 1.3
 _STUCK_S, _YIELD_S, _JAM_M, _SPOT_S = 5.0, 1.5, 1.0, 0.5
 """Who gets no farther in ``_STUCK_S`` than it walks in ``_SPOT_S`` chooses another place; in ``_YIELD_S`` already where
 somebody before it in the list is within ``_JAM_M``, since two who meet would wait for each other."""
@@ -48,7 +47,8 @@ _FAR_M = 1e3  # A vacuum robot drives towards a place so far away, until it meet
 _BERTH_M = 0.1  # Things stop so far before the robot.
 _PUSHED_M, _CHAIR_CLEAR_M = 0.7, 0.7
 """A chair is pushed so far, with so much clearance before and after: others can pass it."""
-_TRIES, _STRIDE_PER_HEIGHT = 200, 0.75  # A stride is two steps.
+_TRIES = 200
+_STRIDE_PER_HEIGHT = 0.75  # A stride is two steps.
 
 
 class Crowd:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from anm_mj.frames import back_project
+from anm_mj.frames import back_project, transform_points
 from anm_mj.localisation.occupancy_agreement import agreement
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import FREE, OCCUPIED, Pose2
+from anm_mj.types import OCCUPIED, Pose2
 from tests.box_room import observe
 
 
@@ -35,9 +35,14 @@ def test_somebody_who_is_taken_for_an_obstacle_contradicts_no_frame(grid):
     seen = observe(1, Pose2(0.0, 0.0, 0.0))
     points = back_project(seen.depth_m, seen.intrinsics, np.eye(4))[::50].astype(np.float32)
     grid.hold_moved(np.array([[0.8, 0.0, 0.4]]))
-    within = np.array([[0.8, 0.1, 1.0]])
-    assert (grid.state_at(within), grid.state_at(within, held=False)) == ([OCCUPIED], [FREE])
+    within, wall = np.array([[0.8, 0.1, 1.0]]), np.array([[2.0, 0.1, 1.2]])
+    assert (grid.state_at(within), grid.state_at(wall)) == ([OCCUPIED], [OCCUPIED])
     assert agreement(points, seen.T_world_camera, grid).share > 0.99
-    # What is measured to be there is an obstacle however it is asked for.
-    wall = np.array([[2.0, 0.1, 1.2]])
-    assert grid.state_at(wall) == grid.state_at(wall, held=False) == [OCCUPIED]
+    # What is held is the free space that was seen, of each of the pixels that look through the disc, too.
+    through = np.abs(points[:, 0] / points[:, 2]) < 0.3
+    assert through.sum() > 20
+    assert not agreement(points[through], seen.T_world_camera, grid).contradicted.any()
+    # What is measured to be there hides what is behind it.
+    beyond = seen.T_world_camera[:3, 3] + (wall - seen.T_world_camera[:3, 3]) / 0.8
+    own = transform_points(np.linalg.inv(seen.T_world_camera), beyond).astype(np.float32)
+    assert agreement(own, seen.T_world_camera, grid).contradicted == [True]
