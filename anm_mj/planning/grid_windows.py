@@ -9,7 +9,7 @@ Window = tuple[slice, slice]
 """Rows and columns of a rectangle of cells."""
 
 
-def clamp(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[int, ...]) -> Window:
+def clamp(first: Int[np.ndarray, "2"], last: Int[np.ndarray, "2"], shape: tuple[int, ...]) -> Window:
     """The window from ``[row, col]`` ``first`` up to, not including, ``last``, clamped to the grid's shape."""
     a, b = (slice(min(max(int(f), 0), n), min(max(int(e), 0), n)) for f, e, n in zip(first, last, shape, strict=True))
     return a, b

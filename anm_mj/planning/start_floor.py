@@ -43,7 +43,7 @@ def blind_radius_m(camera: FieldOfView, footprint: Footprint, config: PlanningCo
 
 
 def radius_to_seen_floor_m(
-    known: Int[np.ndarray, "rows cols"], grid: OccupancyGrid, start_xy_m: Float[np.ndarray, 2], radius_m: float
+    known: Int[np.ndarray, "rows cols"], grid: OccupancyGrid, start_xy_m: Float[np.ndarray, "2"], radius_m: float
 ) -> float:
     """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
 

@@ -57,16 +57,16 @@ class TopDownMapper:
         """Start with an empty map for a body."""
         self.config = config
         self.footprint = footprint
-        self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
+        self.trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
         """Where the robot has been [m]."""
         self._changes = ChangeReader()
-        self._starts_xy_m: list[Float[np.ndarray, 2]] = []
+        self._starts_xy_m: list[Float[np.ndarray, "2"]] = []
         """Where runs began, this one and those that it continues [m]."""
         self._num_prior = 0
         """The first places of the trajectory are of prior runs; their number."""
-        self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
-        self._collisions_xy_m: list[Float[np.ndarray, 2]] = []
-        self._new_collisions_xy_m: list[Float[np.ndarray, 2]] = []
+        self._new_trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
+        self._collisions_xy_m: list[Float[np.ndarray, "2"]] = []
+        self._new_collisions_xy_m: list[Float[np.ndarray, "2"]] = []
         self._collision_cells = COLLISION_CELLS
         self._origin_xy_m = np.zeros(2)
         self._truncation_m = 0.0
@@ -74,7 +74,7 @@ class TopDownMapper:
         self._borders = BorderPoints()
         self._start_radius_m = config.start_radius_m
 
-    def add_collision(self, xy_m: Float[np.ndarray, 2]) -> None:
+    def add_collision(self, xy_m: Float[np.ndarray, "2"]) -> None:
         """Remember a place where the robot met something that the map does not show [m]."""
         self._collisions_xy_m.append(xy_m)
         self._new_collisions_xy_m.append(xy_m)
@@ -97,7 +97,7 @@ class TopDownMapper:
         """Whether the robot has collided so far."""
         return bool(self._collisions_xy_m)
 
-    def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
+    def visit(self, xy_m: Float[np.ndarray, "2"]) -> None:
         """Add a place to the robot's trajectory: the floor there is free [m]."""
         is_start = len(self.trajectory_xy_m) == self._num_prior
         if not is_start and math.dist(xy_m, self.trajectory_xy_m[-1]) < SAME_PLACE_M:
@@ -312,7 +312,7 @@ class _Layers:
         self.field_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
         self.clearance_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
 
-    def grow(self, shape: tuple[int, ...], start: Int[np.ndarray, 2], far_m: float) -> None:
+    def grow(self, shape: tuple[int, ...], start: Int[np.ndarray, "2"], far_m: float) -> None:
         """Make all layers larger; ``start`` is where the present cell [0, 0] moves to, ``far_m`` the SDF far away."""
         blank = {"min_sdf_m": far_m, "field_m": far_m, "state": UNKNOWN, "clearance_m": -MAX_DEPTH_M}
         for name, layer in vars(self).items():
@@ -320,7 +320,7 @@ class _Layers:
 
 
 def _stamp_disc(
-    layer: Bool[np.ndarray, "rows cols"], grid: OccupancyGrid, xy_m: Float[np.ndarray, 2], radius_m: float
+    layer: Bool[np.ndarray, "rows cols"], grid: OccupancyGrid, xy_m: Float[np.ndarray, "2"], radius_m: float
 ) -> None:
     resolution = grid.resolution_m
     reach = int(np.ceil(radius_m / resolution))

@@ -28,7 +28,7 @@ FAR_SPACING = 2.0
 
 def voronoi_graph(
     topdown: TopDownMap,
-    centre_xy_m: Float[np.ndarray, 2],
+    centre_xy_m: Float[np.ndarray, "2"],
     config: PlanningConfig,
     safe_m: float,
     *,
@@ -77,7 +77,7 @@ def voronoi_graph(
 
 
 def border_sites(
-    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, *, coarse_far_field: bool = False
+    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, "2"], config: PlanningConfig, *, coarse_far_field: bool = False
 ) -> Float[np.ndarray, "n 2"]:
     """Samples of the border of free space, one per fine or coarse square; far squares can be coarser still [m]."""
     border = np.concatenate([topdown.surface_xy_m, topdown.frontier_xy_m])

@@ -42,7 +42,7 @@ class CandidateFinder:
         self._horizon_m = context.planning.horizon_m
         self._footprint = context.footprint
         self._targets = targets
-        self._last_xy_m: Float[np.ndarray, 2] | None = None
+        self._last_xy_m: Float[np.ndarray, "2"] | None = None
         self._ahead: Observation | None = None
 
     def observe(self, observation: Observation) -> None:

@@ -48,7 +48,7 @@ class Rooms:
     """The bottlenecks between rooms [m]."""
 
 
-def segment_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
+def segment_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, "2"]) -> Rooms:
     """The rooms of a graph and the doors between them; spurs have rooms too.
 
     The map tells walls from furniture and from the unknown. The room nearest to the start is room 0, and so on, so that

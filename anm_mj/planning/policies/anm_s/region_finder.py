@@ -53,7 +53,7 @@ class RegionFinder:
     def update(
         self,
         surface: SurfacePoints,
-        centre_xy_m: Float[np.ndarray, 2],
+        centre_xy_m: Float[np.ndarray, "2"],
         radius_m: float,
         error_m: Float32[np.ndarray, " n"] | None = None,
     ) -> None:

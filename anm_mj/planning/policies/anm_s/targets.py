@@ -18,14 +18,14 @@ class Targets:
     def __init__(self, config: AnmSConfig):
         """Start without a target."""
         self._config = config
-        self.xy_m: Float[np.ndarray, 2] | None = None
+        self.xy_m: Float[np.ndarray, "2"] | None = None
         """The present target [m]; None = there is none."""
         self.unvisited = False
         """Whether the present target was unvisited when it was chosen."""
         self.regions: tuple[Region, ...] = ()
         """The regions that the robot is to see from there."""
-        self._failed_xy_m: list[Float[np.ndarray, 2]] = []
-        self._dropped_xy_m: list[Float[np.ndarray, 2]] = []
+        self._failed_xy_m: list[Float[np.ndarray, "2"]] = []
+        self._dropped_xy_m: list[Float[np.ndarray, "2"]] = []
 
     def memory(self) -> dict[str, np.ndarray]:
         """The failed and the dropped targets [m]."""
