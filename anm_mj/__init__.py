@@ -12,8 +12,6 @@ The whole of it::
 ``load_environment`` is an environment to learn in. docs/library.md has examples.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """A robot that begins with what its next actions will show, while the run learns, records and decides."""
 
-from __future__ import annotations
-
 import math
 
 from anm_mj.control.path_follower import Follower

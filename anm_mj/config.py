@@ -4,8 +4,6 @@ A setting has a dotted name, as in ``config.json``: ``planning.margin_m``, ``map
 of the chosen policy are called ``policy.NAME``.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import functools

@@ -4,8 +4,6 @@ An observer hears every event in the order in which things happen, when the stat
 the end of the run; apart from that, nothing that the robot does depends on it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable

@@ -5,8 +5,6 @@ actions -> wheel commands -> (again). The loop sees the stages through :mod:`anm
 what happens (:mod:`anm_mj.events`). Each stage can be replaced: by a real robot, another map, another policy.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 

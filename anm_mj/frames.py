@@ -1,7 +1,5 @@
 """Conversions between frames: SE(2), SE(3), camera axes, world and grid; all of them live here."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The steps of the loop that touch a stage, with what may go wrong there."""
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the loop itself remembers between two steps."""
 
-from __future__ import annotations
-
 from anm_mj.control.path_follower import Follower
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.sensing.moving_things import MovingThings

@@ -3,8 +3,6 @@
 Its poses are taken as they come, or found by localisation in the map that grows from it.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 import time

@@ -1,7 +1,5 @@
 """Where the mapping of a recorded sequence stands, for a checkpoint, and how it is read back."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path

@@ -4,8 +4,6 @@ Any object with these methods will do; there is nothing to inherit or register. 
 these interfaces only.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Protocol, runtime_checkable
 

@@ -5,8 +5,6 @@ to the length that they had then, and the loop goes on. On a CPU the files at th
 but for times. Files of a run folder are data: nothing in them is executed.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Sequence

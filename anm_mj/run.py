@@ -1,7 +1,5 @@
 """One run, from a configuration to a run folder: lets ``explore`` loop over the parts, and writes what it brought."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator, Sequence

@@ -11,7 +11,6 @@ import ast
 import inspect
 import textwrap
 from dataclasses import MISSING, fields, is_dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -159,8 +158,15 @@ def _rows(config: Any, prefix: str, *, nested: bool = True) -> list[tuple[str, s
 
 
 def _plain(one: type) -> list[tuple[str, str, str]]:
-    """Name, type and meaning of every field of a dataclass."""
-    return [(f"`{entry.name}`", f"`{_type_name(entry.type)}`", text) for entry, text in _documented(one)]
+    """Name, type as it is written, and meaning of every field of a dataclass."""
+    written = {
+        node.target.id: ast.unparse(node.annotation)
+        for base in reversed(one.__mro__)
+        if is_dataclass(base)
+        for node in _class_node(base).body
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
+    return [(f"`{entry.name}`", f"`{_type_name(written[entry.name])}`", text) for entry, text in _documented(one)]
 
 
 def _metrics() -> list[tuple[str, str, str]]:
@@ -207,9 +213,8 @@ def _summary(one: type) -> str:
     return _flat((inspect.getdoc(one) or "").split("\n\n")[0])
 
 
-def _type_name(annotation: Any) -> str:
-    text = annotation.__name__ if isinstance(annotation, type) and not isinstance(annotation, Enum) else str(annotation)
-    return text.replace("np.", "numpy.").replace("'", "")
+def _type_name(annotation: str) -> str:
+    return annotation.replace("np.", "numpy.").replace("'", "")
 
 
 def _flat(text: str) -> str:

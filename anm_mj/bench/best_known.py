@@ -5,8 +5,6 @@ with the same robot: no row beats it. :mod:`anm_mj.evaluation.oracle.upper_bound
 that the optimum lies between the two. Both are known where an oracle has run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """A comparison, from its file to its tables; an interrupted one resumes."""
 
-from __future__ import annotations
-
 import fcntl
 import itertools
 import os

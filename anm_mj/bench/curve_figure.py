@@ -1,7 +1,5 @@
 """Completion curves of a comparison, readable without colour: every variant has a line style and a mark of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

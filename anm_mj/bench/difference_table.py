@@ -1,7 +1,5 @@
 """The table of paired differences between one policy and variants of the others or of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

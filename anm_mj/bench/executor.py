@@ -3,8 +3,6 @@
 Every run gets a process of its own. A process that dies costs its run and nothing else.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Scenes of a comparison that are generated, given by seed and hash, so that everybody has the same ones."""
 
-from __future__ import annotations
-
 import logging
 from typing import Annotated, Literal
 

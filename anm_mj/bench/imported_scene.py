@@ -4,8 +4,6 @@ An entry names the public repository, the commit and the file, the command that 
 that comes out, so that everybody can have the same scene although this program passes on nothing of it.
 """
 
-from __future__ import annotations
-
 import shlex
 from typing import Annotated
 

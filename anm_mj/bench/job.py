@@ -1,7 +1,5 @@
 """One run of a comparison: the configuration of a run, and which scene, start and budgets it belongs to."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """How the variants of a comparison look in its figures: apart without colour, too."""
 
-from __future__ import annotations
-
 import textwrap
 from typing import Any
 

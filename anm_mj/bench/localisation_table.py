@@ -1,7 +1,5 @@
 """The table of runs whose poses may err: by how much they do, and what is lost against true poses."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.bench.job import CONDITIONS

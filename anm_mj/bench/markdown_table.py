@@ -1,7 +1,5 @@
 """Tables in Markdown from rows of the results table."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any

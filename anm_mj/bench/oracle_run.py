@@ -1,7 +1,5 @@
 """What an oracle's run takes from the other runs of its comparison, and the bound that it leaves beside its results."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

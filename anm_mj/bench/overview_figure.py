@@ -5,8 +5,6 @@ Programming 91, 2002) shows for every factor in how many runs a policy needs at 
 any run needs from the same start. A run that never gets there counts in none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

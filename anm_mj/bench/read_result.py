@@ -1,7 +1,5 @@
 """Reads the finished runs of a comparison, which anybody may have written, and checks them."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

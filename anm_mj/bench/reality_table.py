@@ -1,7 +1,5 @@
 """The table of what the errors of the world cost a policy: one at a time, and all together."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The results table of a comparison: a row per run and budget, a column per fact."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

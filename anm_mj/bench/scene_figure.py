@@ -1,7 +1,5 @@
 """Picture of a scene of a comparison: its plan with the median trajectory of each variant."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -8,8 +8,6 @@ level counts with its whole budget (restricted mean: Royston and Parmar, BMC Med
 leaving it out would make a policy look faster by failing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ buildings of 40 to 60 rooms. In ``people``, people walk about. ``real`` has the 
 ``smoke`` takes minutes. All these are on generated scenes; ``open`` is on scenes of others, which the user imports.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from anm_mj.bench.bench_error import BenchError

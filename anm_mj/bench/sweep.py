@@ -6,8 +6,6 @@ one policy, one robot, drive, pose and sensor, one start and one seed. Scenes ma
 (:mod:`anm_mj.bench.suite`).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

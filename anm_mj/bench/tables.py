@@ -1,7 +1,5 @@
 """The tables of a comparison in Markdown: means, deviations and intervals."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

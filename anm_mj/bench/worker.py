@@ -4,8 +4,6 @@ The job comes as a line of JSON on the standard input. The parent keeps the inpu
 closes, the worker exits. So no worker outlives its parent, even after kill -9.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

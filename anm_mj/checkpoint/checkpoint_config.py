@@ -1,7 +1,5 @@
 """How often a run is stored."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.errors import CheckpointError

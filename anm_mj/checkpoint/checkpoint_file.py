@@ -5,8 +5,6 @@ nodes of the graph, the sizes of its arrays and facts about the run; the arrays 
 everything before. Files are written beside their final name, forced to the disk and then renamed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

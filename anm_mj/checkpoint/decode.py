@@ -5,8 +5,6 @@ whoever holds it sees the stored state. All others are made without their constr
 whole state has been read.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections import defaultdict, deque

@@ -5,8 +5,6 @@ or ``[index]`` of the node that it refers to. Objects that are shared, or refer 
 Arrays that share memory stay views of the same memory.
 """
 
-from __future__ import annotations
-
 import base64
 import enum
 import types

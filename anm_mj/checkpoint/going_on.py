@@ -1,7 +1,5 @@
 """How a run is put back to where its checkpoint was taken."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager

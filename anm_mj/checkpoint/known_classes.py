@@ -1,7 +1,5 @@
 """Which classes and functions a checkpoint may name, and what a class says about its own state."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from typing import Any

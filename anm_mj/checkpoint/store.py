@@ -1,7 +1,5 @@
 """The checkpoints of one run: the two newest, because a crash of the machine can damage the last one."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import logging

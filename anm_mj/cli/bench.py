@@ -1,7 +1,5 @@
 """``anm-mj bench``: many runs, one table."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``anm-mj completion``: what makes a shell complete commands, options and their choices."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Iterator

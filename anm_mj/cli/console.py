@@ -1,7 +1,5 @@
 """Consoles of the command line, on which no file of others commands the terminal; progress bars, and where logs go."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

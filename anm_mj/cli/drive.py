@@ -1,7 +1,5 @@
 """``anm-mj drive``: one run on a robot that speaks ROS 2."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path

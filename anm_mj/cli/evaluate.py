@@ -1,7 +1,5 @@
 """``anm-mj eval``: the metrics of a finished run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from anm_mj.cli.command_line import Report

@@ -1,7 +1,5 @@
 """``anm-mj export``: a film of a finished run, and files that other tools read."""
 
-from __future__ import annotations
-
 from argparse import ArgumentTypeError
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``anm-mj localise``: where images were taken, in the map of a finished run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

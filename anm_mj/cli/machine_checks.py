@@ -3,8 +3,6 @@
 Checks that may crash (GL drivers, torch without its libraries) run in processes of their own.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -4,8 +4,6 @@ Wrong input ends with one sentence and exit status 2. Heavy packages are importe
 that ``--help`` and a mistyped option answer at once.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import traceback

@@ -1,7 +1,5 @@
 """What options hold that several commands have."""
 
-from __future__ import annotations
-
 from argparse import ArgumentTypeError
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a command that leaves a run prints at its end."""
 
-from __future__ import annotations
-
 import dataclasses
 import shlex
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Runs the function of a script with the words of the command line."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 

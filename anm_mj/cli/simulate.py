@@ -1,7 +1,5 @@
 """``anm-mj simulate``: the simulated robot for other programs, as a ROS 2 robot."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Any

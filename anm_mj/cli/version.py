@@ -1,7 +1,5 @@
 """What this program calls itself."""
 
-from __future__ import annotations
-
 
 def version() -> str:
     """The version, and of a checkout its revision."""

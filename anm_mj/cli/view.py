@@ -1,7 +1,5 @@
 """``anm-mj view``: the replay of a finished run in the browser."""
 
-from __future__ import annotations
-
 from contextlib import closing, suppress
 from pathlib import Path
 

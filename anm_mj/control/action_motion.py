@@ -1,7 +1,5 @@
 """Motion of the base for a discrete action: distance, angle and velocity profile."""
 
-from __future__ import annotations
-
 import math
 
 from anm_mj.control.speed_and_acceleration import MotionLimits

@@ -4,8 +4,6 @@ mink silently drops pairs of geoms of parent and child bodies: a geom of the wor
 such a pair. Therefore the obstacles hang on a mocap body here, and a missing pair is an error.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

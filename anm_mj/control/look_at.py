@@ -1,7 +1,5 @@
 """Turns the robot on the spot until its camera faces a point: mink's look-at task under the wheel limits."""
 
-from __future__ import annotations
-
 import math
 
 import mink

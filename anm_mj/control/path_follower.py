@@ -1,7 +1,5 @@
 """Converts a plan to discrete actions: forward if the heading error is small, else a turn towards the path."""
 
-from __future__ import annotations
-
 import copy
 import math
 

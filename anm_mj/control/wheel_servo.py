@@ -4,8 +4,6 @@ The task is to reach the reference within one period. Rolling without slip is an
 speed and the distance to obstacles are inequality constraints.
 """
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

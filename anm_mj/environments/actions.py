@@ -1,7 +1,5 @@
 """What an agent may do: the discrete actions, with or without STOP, or a velocity."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

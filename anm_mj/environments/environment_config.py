@@ -1,7 +1,5 @@
 """Settings of the exploration task."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any, cast

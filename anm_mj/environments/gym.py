@@ -1,7 +1,5 @@
 """Gymnasium interface of the exploration environment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

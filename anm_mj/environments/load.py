@@ -1,7 +1,5 @@
 """Loads environments by scene and task, as dm_control's suite does."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from pathlib import Path

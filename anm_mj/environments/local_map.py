@@ -1,7 +1,5 @@
 """Robot-centred occupancy map of an episode: the optional ``topdown`` entry of an observation."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float32, Float64, Int8
 from scipy.ndimage import distance_transform_edt

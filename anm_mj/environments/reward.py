@@ -1,7 +1,5 @@
 """What an action is worth to a learner: new surface, new area, or what the map gained."""
 
-from __future__ import annotations
-
 import numpy as np
 from dm_env import specs
 

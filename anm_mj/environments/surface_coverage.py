@@ -5,8 +5,6 @@ reward is due after every frame and only needs to know which samples are closer 
 Both count the same samples (a test compares them).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

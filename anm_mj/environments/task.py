@@ -1,7 +1,5 @@
 """The exploration task: cover as much surface as possible within a number of steps."""
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from collections.abc import Sequence

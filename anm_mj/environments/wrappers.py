@@ -1,7 +1,5 @@
 """Wrappers that make an environment easier to learn: small observations, actions that last, and a cost of nearness."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -7,8 +7,6 @@ Frames are searched in batches, because the minimum over frames of the distance 
 union. The distances equal those of a full search to the last digit (:mod:`anm_mj.ground_truth.nearest`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice

@@ -1,7 +1,5 @@
 """Completion against steps; a live run and its folder give the same rows."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How much of the true surface the runs before a continued one had covered."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

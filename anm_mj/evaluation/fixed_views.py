@@ -6,8 +6,6 @@ different views. Here nothing is left out: what a run did not find counts as wro
 their maps as wholes.
 """
 
-from __future__ import annotations
-
 import hashlib
 from io import BytesIO
 from itertools import islice

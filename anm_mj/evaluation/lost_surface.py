@@ -1,7 +1,5 @@
 """How much of the observed surface a map has carved away, such as where somebody walked before a wall."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

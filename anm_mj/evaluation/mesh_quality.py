@@ -9,8 +9,6 @@ a surface was mapped from how much of it was found. It keeps the true samples th
 the mesh whose nearest true sample was covered.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

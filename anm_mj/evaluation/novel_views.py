@@ -5,8 +5,6 @@ counts only if the run observed at least half of its surface. All runs in a scen
 the same seed; each run is evaluated on the first ones that are novel to it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path

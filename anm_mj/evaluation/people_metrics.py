@@ -1,7 +1,5 @@
 """How a run got on with the people in its scene: distance, contacts, and which pixels it took for moved."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

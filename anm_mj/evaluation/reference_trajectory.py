@@ -1,7 +1,5 @@
 """Poses that somebody else measured, such as by motion capture, and how far a tracked camera is from them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a map renders in the place of true views, novel or fixed ones, and how good it is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Renders the simulator's view at given poses of a scene, such as those of a finished run, outside of any run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Evaluates a finished run from its folder alone."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The true scene, for policies that need the truth; no other policy gets it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.ground_truth.ground_truth import GroundTruth

@@ -1,7 +1,5 @@
 """Distances of points to a surface of triangles (``native/triangles.h``)."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int
 

@@ -5,8 +5,6 @@ the ATE after alignment stands the same without: a map that is consistent and st
 error of nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

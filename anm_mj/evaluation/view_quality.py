@@ -4,8 +4,6 @@ The map renders unknown pixels black and without depth. PSNR and SSIM over whole
 as wrong; the known share, and PSNR and L1 over known pixels alone, complement them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

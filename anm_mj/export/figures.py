@@ -1,7 +1,5 @@
 """The figures of a run: as PNG, and as PDF and SVG for print."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The top-down map of a run for navigation: ROS's ``map.yaml`` with its image, and the Voronoi graph as a graph."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

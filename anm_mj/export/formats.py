@@ -1,7 +1,5 @@
 """The formats that a run is exported to, by name."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

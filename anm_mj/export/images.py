@@ -1,7 +1,5 @@
 """The colour images of a run with their poses: nerfstudio's ``transforms.json`` and COLMAP's text files."""
 
-from __future__ import annotations
-
 import io
 import logging
 from pathlib import Path

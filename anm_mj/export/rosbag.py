@@ -1,7 +1,5 @@
 """A whole run as a ROS 2 bag with the messages that a robot would have published."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The mesh of a run as GLB, PLY and OBJ, each with its colours."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

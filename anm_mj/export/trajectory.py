@@ -1,7 +1,5 @@
 """The trajectory of a run as TUM and KITTI files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from anm_mj.io.read_run import Run

@@ -1,7 +1,5 @@
 """The signed distances of a run's map as NumPy archives: the volume, and a slice of the Euclidean distance field."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The times of a run as those of a clock on the wall, which players and other recordings have."""
 
-from __future__ import annotations
-
 import dataclasses
 from datetime import UTC, datetime
 

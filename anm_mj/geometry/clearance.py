@@ -4,8 +4,6 @@ coal, the collision library of pinocchio, tests convex shapes against the triang
 boxes. It approximates neither the robot nor the scene.
 """
 
-from __future__ import annotations
-
 import math
 
 import coal

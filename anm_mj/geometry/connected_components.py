@@ -1,7 +1,5 @@
 """Connected components of anything that comes in pairs."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Int
 

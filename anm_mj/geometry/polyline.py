@@ -1,7 +1,5 @@
 """Paths as polylines: shortcuts, and legs along the headings of a robot that turns by whole steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -8,8 +8,6 @@ exit of a part comes before its other exits, so that all parts can merge at once
 with the neighbour behind their widest exit, again widest first. A few rounds do, each a pass over the exits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 

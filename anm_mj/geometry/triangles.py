@@ -1,7 +1,5 @@
 """Checks that arrays describe triangles, before anything relies on it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

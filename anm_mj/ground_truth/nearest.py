@@ -1,7 +1,5 @@
 """How near points come to fixed places, exactly: the search behind completion and its rewards."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int
 

@@ -12,8 +12,6 @@ rounds; it gives up samples among unseen neighbours earlier. It misses 0.4 % of 
 room cover, and finds as much again that they do not cover.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

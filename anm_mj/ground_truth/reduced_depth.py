@@ -8,8 +8,6 @@ pixel keeps its own ray. The paper's code takes halved intrinsics instead, which
 pixel, 2 cm at 5 m; :func:`halved_intrinsics` gives its numbers.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

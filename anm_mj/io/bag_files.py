@@ -1,7 +1,5 @@
 """Which files a recording consists of: a folder with or without its metadata, or one file alone."""
 
-from __future__ import annotations
-
 import logging
 import os
 from pathlib import Path

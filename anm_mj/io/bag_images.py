@@ -1,7 +1,5 @@
 """Images out of the messages of a recording: ``sensor_msgs`` Image and CompressedImage, and compressed depth."""
 
-from __future__ import annotations
-
 import io
 import struct
 from typing import Any

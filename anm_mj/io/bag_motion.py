@@ -1,7 +1,5 @@
 """Where the camera of an open bag was: from the tree of its frames, or from a topic of poses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Poses over time out of a recording: one moving frame, or a tree of frames as ROS's tf has it."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Iterator

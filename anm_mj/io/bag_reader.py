@@ -1,7 +1,5 @@
 """Messages of an open bag by topic: the first one, all of them, and when each was made."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

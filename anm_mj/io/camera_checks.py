@@ -1,7 +1,5 @@
 """What cameras and their poses must be, in run folders and in recorded sequences alike."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

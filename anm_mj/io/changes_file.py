@@ -1,7 +1,5 @@
 """``changes.json`` and ``changes.npz``: what a continued run found to be gone or new since the prior run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

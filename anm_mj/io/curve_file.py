@@ -1,7 +1,5 @@
 """``curve.csv`` as numbers, whoever wrote it."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

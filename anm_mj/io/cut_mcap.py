@@ -4,8 +4,6 @@ What is missing, the index at the end, is made again from the chunks that are th
 itself is unpacked as far as it goes.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections import Counter

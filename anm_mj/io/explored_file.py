@@ -4,8 +4,6 @@ Numbers only, in the safetensors format: pixels of keyframes to replay, where th
 its policy remembered.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

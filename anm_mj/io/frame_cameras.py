@@ -1,7 +1,5 @@
 """One camera for frames that have cameras of their own, as phones refocus."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import astuple, replace

@@ -1,7 +1,5 @@
 """Reads images of run folders and recorded sequences."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The kinds of folders that recorded sequences come in, but for bags."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

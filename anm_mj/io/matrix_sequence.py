@@ -1,7 +1,5 @@
 """Reads sequences whose poses are 4 x 4 numbers: 7-Scenes, what ScanNet's exporter writes, and Open3D's."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

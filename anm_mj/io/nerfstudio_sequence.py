@@ -1,7 +1,5 @@
 """Reads sequences in the layout of nerfstudio: a ``transforms.json`` that names images and poses."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Any

@@ -8,8 +8,6 @@
 Frame numbers start at 0, in the order of the lines.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 ARKit's world has y up. Depth comes smaller than colour; where its confidence is low, nothing was measured.
 """
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """What can be true of a recorded sequence: its camera, its unit of depth, its poses and its files."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from pathlib import Path

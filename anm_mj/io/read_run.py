@@ -1,7 +1,5 @@
 """Reads a run folder; that of a killed run is read up to its last complete line."""
 
-from __future__ import annotations
-
 import functools
 import logging
 from collections.abc import Iterator, Sequence

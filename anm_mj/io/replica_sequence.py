@@ -1,7 +1,5 @@
 """Reads rendered sequences of Replica, as NICE-SLAM published them: ``traj.txt`` and ``results/``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Messages of ROS 2, made and serialised without ROS: what a bag holds, and what goes over the wire."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

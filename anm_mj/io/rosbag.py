@@ -5,8 +5,6 @@ said by the user where several fit. Depth has to be registered to the colour ima
 (``aligned_depth_to_color``).
 """
 
-from __future__ import annotations
-
 import logging
 import weakref
 from collections.abc import Mapping

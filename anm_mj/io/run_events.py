@@ -1,7 +1,5 @@
 """What a run tells beside the events of its loop (:mod:`anm_mj.events`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

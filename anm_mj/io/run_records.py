@@ -1,7 +1,5 @@
 """What the lines of a run's logs say: an observation, an action."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shapes of the lines and objects in a run folder, which anybody may have written; numbers are finite."""
 
-from __future__ import annotations
-
 from datetime import datetime
 from typing import Annotated, Any
 

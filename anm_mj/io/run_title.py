@@ -1,7 +1,5 @@
 """What a run is called in a figure, and what it came to."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Finds the floor below the cameras of a recorded sequence, and how the first of them is held above it."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Poses of cameras: in the TUM format, as those of a robot's base, and between the times that are stated."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 

@@ -1,7 +1,5 @@
 """Reads the lists and tables beside the images of a sequence, as programs and editors write them."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

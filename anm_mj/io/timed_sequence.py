@@ -1,7 +1,5 @@
 """Reads data sets whose images and poses have times of their own: ARKitScenes, and ICL-NUIM."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Dataclasses, enums, paths and arrays as plain JSON; NaN and infinity become null."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Reads sequences of the TUM RGB-D benchmark: lists of images and poses with their own times."""
 
-from __future__ import annotations
-
 import logging
 from operator import itemgetter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Colour images out of a video, as phones record it beside the depth."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import tempfile

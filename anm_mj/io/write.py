@@ -1,7 +1,5 @@
 """Errors of writing a run folder, as one sentence that names the file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -7,8 +7,6 @@ of the depth, so s is one figure for all depths: sigma_z = s z^2. It holds what 
 itself (disparity, its quantization, its place in the image), not what all pixels share.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ misses. Voxel centres lie at multiples of the voxel edge, so that a floor at z =
 two.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -7,8 +7,6 @@ looked at. The rest falls as observations are added, because the variance is the
 training uses.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 

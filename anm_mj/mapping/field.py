@@ -4,8 +4,6 @@ Training effort is counted in iterations, never in seconds: with the same seed, 
 parameters are the same bit for bit on a CPU.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ In C++ (``native/field_blocks.h``). Voxels are given by their indices into the r
 column.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -21,8 +21,6 @@ A block in view changes with every frame, but most of its voxels only because th
 depth and field agreed so far, the field is therefore asked in every third reading of a block alone, the blocks in turn.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -11,8 +11,6 @@ The uncertainty is the leverage over the number of pixels that training uses. On
 the scale.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 from scipy.ndimage import map_coordinates

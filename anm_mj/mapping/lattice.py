@@ -1,7 +1,5 @@
 """Zero-crossings of the SDF on the edges of a lattice, in cells that touch occupied voxels (``native/lattice.h``)."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Int8, Int64
 

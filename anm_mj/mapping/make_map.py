@@ -1,7 +1,5 @@
 """An empty neural map by the name of its preset."""
 
-from __future__ import annotations
-
 from anm_mj.errors import MapError
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap

@@ -1,7 +1,5 @@
 """Settings of the mapping stage: one frozen dataclass per part, and the presets. Imports no torch, so it is quick."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal

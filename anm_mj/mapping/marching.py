@@ -1,7 +1,5 @@
 """Marching cubes over chosen cells of a lattice, and the joining of its pieces."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 from skimage.measure import marching_cubes

@@ -1,7 +1,5 @@
 """Free, occupied and unknown space of a map: depth says what was observed, and field or depth what is solid there."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 They run on all cores; their results depend neither on the number of cores nor on the instruction set.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

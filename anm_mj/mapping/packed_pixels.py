@@ -1,7 +1,5 @@
 """Replayed pixels, packed into 9 bytes each, and the rays that they stand for."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float32, Int64, Shaped, UInt16
 

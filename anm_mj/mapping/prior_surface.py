@@ -8,8 +8,6 @@ Replayed pixels of the prior run would teach the field what is no more. So those
 is gone, or that looked through a place that is taken now.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rays to train on: what a camera saw along them, in the world."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

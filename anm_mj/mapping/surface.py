@@ -1,7 +1,5 @@
 """Points on the zero-crossing of the SDF, where something was observed; kept per block between calls."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -11,8 +11,6 @@ stand out (it is even a little lower there, because its features are untouched).
 them; ``scripts/bench_uncertainty.py`` measures which method predicts the map's true error best.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Views rendered from the map, sampled about the surface that each ray meets first."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt8
 

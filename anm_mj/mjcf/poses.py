@@ -1,7 +1,5 @@
 """Poses of bodies and cameras: read from a compiled robot, and given to elements of its spec."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float

@@ -1,7 +1,5 @@
 """Keeps MuJoCo's warnings where the program's own are."""
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Iterator

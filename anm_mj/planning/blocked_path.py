@@ -1,7 +1,5 @@
 """Whether the next forward steps are still free, from the few voxels that they would touch; asked at every step."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where free space ends: points on the borders between neighbouring cells, kept up by rows of the map."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8
 

@@ -1,7 +1,5 @@
 """Which part of the occupancy grid a reader has to read again."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int32
 

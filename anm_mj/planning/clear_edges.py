@@ -6,8 +6,6 @@ obstacle is not; all others are two edges of half the length. Long edges in the 
 one per half a cell.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exact Euclidean distance transform up to a cap, at a fraction of the cost of a full one."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float32
 from scipy import ndimage

@@ -1,7 +1,5 @@
 """What the robot has to wait for before its next forward step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Shortest paths over a grid map, for policies without a graph: Dijkstra over cells, then shortcuts."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 from skimage.graph import MCP_Geometric

@@ -1,7 +1,5 @@
 """Rectangular windows of a grid, and the dilation of masks."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Int
 

@@ -4,8 +4,6 @@ Seen from afar, and with a depth camera's noise, obstacles are thicker than they
 turn out to be wide enough.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree

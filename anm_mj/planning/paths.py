@@ -4,8 +4,6 @@ One search reaches all vertices (paper, section III-C). The graph stays in the m
 room does not ask for: paths are therefore shortened by straight segments that keep the same clearance.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

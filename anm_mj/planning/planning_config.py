@@ -1,7 +1,5 @@
 """Settings of the planning stages that the policies share: top-down map, Voronoi graph, paths, regions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.errors import PlanError

@@ -9,8 +9,6 @@ of the other policies measures it to zero-crossings of the field; without this r
 through passages that they pass.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The stages that policies share, in order: top-down map, Voronoi graph, shortest paths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

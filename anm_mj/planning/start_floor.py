@@ -1,7 +1,5 @@
 """The floor about the start, which no camera sees from there: how far out it counts as free."""
 
-from __future__ import annotations
-
 import logging
 import math
 

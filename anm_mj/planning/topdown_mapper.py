@@ -10,8 +10,6 @@ The map is kept up to date, not rebuilt: an update reads the blocks of the occup
 one, so its cost does not grow with the scene.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -9,8 +9,6 @@ through the wall where they lie far apart, so every edge is checked against the 
 obstacle between two vertices is missed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, QhullError

@@ -1,7 +1,5 @@
 """What a run folder keeps besides its numbers, for replay, film and exports."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.errors import RunFolderError

@@ -1,7 +1,5 @@
 """The logs of a run, written as it goes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress

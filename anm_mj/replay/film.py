@@ -1,7 +1,5 @@
 """A film of a finished run: colour with the target, depth, map with graph and path, growing surface."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from bisect import bisect_right

@@ -1,7 +1,5 @@
 """The upper pictures of a film's frame: what the camera saw, in colour and as depth in colours."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

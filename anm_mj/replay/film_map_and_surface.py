@@ -1,7 +1,5 @@
 """The lower pictures of a film's frame: the map and its surface."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw

@@ -4,8 +4,6 @@ The mesh is that of the finished map. A vertex appears with the first frame whos
 of it. So nothing has to be stored during the run, and a run of an older version grows as well.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Float32, Int
 from scipy.spatial import KDTree

@@ -1,7 +1,5 @@
 """What moved through the scene at a frame, as it is drawn: discs for people, vacuum robots, the chair; leaves."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 

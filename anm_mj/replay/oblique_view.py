@@ -4,8 +4,6 @@ Faces are split into points closer than a pixel, and a depth buffer keeps the ne
 a frame, so 500 frames of a house take a second.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

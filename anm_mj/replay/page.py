@@ -4,8 +4,6 @@ The page holds meshcat's bundle of three.js, which the live view has anyway. Of 
 fetch their data from a server or a second file, which a browser refuses for a page opened from disk.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The colour images of a finished run: those it kept, or rendered again from its scene."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The final mesh of a run as replay and film show it: how certain it is, and when each face was first seen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A finished run, frame by frame: where the robot was, what it had decided, what it had covered."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

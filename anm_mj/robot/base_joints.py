@@ -1,7 +1,5 @@
 """Planar access to a base in a MuJoCo simulation: its free joint and its wheel hinges, or its planar joints."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Questions about the bodies of a compiled robot, and names for the unnamed elements of its spec."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path

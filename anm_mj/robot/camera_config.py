@@ -1,7 +1,5 @@
 """Settings that mount another camera on a robot than its file has; loads no simulator."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Mounts a robot's camera: as the settings ask for, upright, or where its file has none."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Finds the camera that a robot looks ahead with, and refuses one that cannot see."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Casters: what of a robot stands on the floor beside its driven wheels slides there without friction."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float

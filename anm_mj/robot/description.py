@@ -5,8 +5,6 @@ Missing parts are added: a free joint, and velocity servos on the wheels. Wheel 
 follow from the geoms.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path

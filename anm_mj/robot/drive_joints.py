@@ -1,7 +1,5 @@
 """Finds the joints that drive a robot: two wheels, the wheels of a skid-steered base, or planar joints."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The space that a robot sweeps: an upright cylinder about its base."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

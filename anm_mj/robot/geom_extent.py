@@ -1,7 +1,5 @@
 """Extents of geoms by their support functions: exact for MuJoCo's primitives and for meshes."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Removes everything around a robot from the spec of its file."""
 
-from __future__ import annotations
-
 import mujoco
 
 from anm_mj.robot.body_tree import name_all

@@ -4,8 +4,6 @@ Many key frames hold targets of position servos (``ctrl``) instead of positions 
 inverse kinematics: every servo reaches its target and all equalities between joints hold.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Locks joints of a robot's spec at given positions, and removes everything that refers to them."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float

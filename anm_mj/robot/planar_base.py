@@ -1,7 +1,5 @@
 """A base that moves by planar joints: its frame, and the joints and servos that replace those of the file."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float

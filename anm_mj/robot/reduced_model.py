@@ -6,8 +6,6 @@ forward, y left, z up), two hinges ``wheel_left`` and ``wheel_right`` about +y, 
 hinge instead of free joint and wheels. It has no geoms and nothing else that pinocchio's reader silently ignores.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

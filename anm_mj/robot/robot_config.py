@@ -1,7 +1,5 @@
 """Settings of the robot; loads no simulator."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

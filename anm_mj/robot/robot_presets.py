@@ -1,7 +1,5 @@
 """Robots by name: their files, and the settings that these need (``models/presets.toml``). Loads no simulator."""
 
-from __future__ import annotations
-
 import fnmatch
 import functools
 import importlib

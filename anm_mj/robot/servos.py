@@ -1,7 +1,5 @@
 """Velocity servos on a robot's wheels: those of its file where they are strong enough, else ours."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Tells by its name which side of a robot a wheel is on."""
 
-from __future__ import annotations
-
 import re
 
 _WHEEL = {"wheel", "wheels", "whl", "drivewhl", "tire", "tyre"}

@@ -1,7 +1,5 @@
 """Reads the wheels of a robot from its geoms and adapts their contacts so that they roll in simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Publishes a recording again, in the time in which it was made."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Decides from raw depth whether something is in the way of a robot that is driven over ROS."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Finds the topics of a live robot and waits until all of them say something that fits together."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

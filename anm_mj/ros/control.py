@@ -1,7 +1,5 @@
 """Commands that others give a run on a live robot: start, pause, stop, save, home."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from pathlib import Path

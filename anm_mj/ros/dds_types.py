@@ -1,7 +1,5 @@
 """ROS 2 message types as types of DDS, from the definitions that rosbags ships."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cyclonedds.idl import make_idl_struct

@@ -1,7 +1,5 @@
 """A run on a live robot: the loop, recorder and run folder of any other, over ROS 2."""
 
-from __future__ import annotations
-
 import functools
 import time
 from collections.abc import Callable, Iterator, Sequence

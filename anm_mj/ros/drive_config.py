@@ -1,7 +1,5 @@
 """Settings of a run on a live robot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

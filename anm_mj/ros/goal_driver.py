@@ -1,7 +1,5 @@
 """Executes the actions of a run by goals: a navigation that is not ours finds the way there."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

@@ -1,7 +1,5 @@
 """What is wrong with a live robot at the moment, each in one sentence that names the topic."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

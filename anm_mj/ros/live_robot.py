@@ -1,7 +1,5 @@
 """A robot that speaks ROS 2: implements :class:`anm_mj.protocols.Robot` by its images, its odometry and velocities."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

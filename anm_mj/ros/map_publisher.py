@@ -1,7 +1,5 @@
 """Publishes what a run on a live robot knows and decides: map, graph, target, path, surface, pose, state."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

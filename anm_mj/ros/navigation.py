@@ -1,7 +1,5 @@
 """Goals for a navigation that is not ours: the topic ``goal_pose``, or the action ``NavigateToPose`` of nav2."""
 
-from __future__ import annotations
-
 import math
 import secrets
 import threading

@@ -1,7 +1,5 @@
 """Which DDS domain and which network the program speaks on, as the environment of ROS 2 says."""
 
-from __future__ import annotations
-
 import functools
 import os
 from collections.abc import Mapping

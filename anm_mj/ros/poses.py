@@ -1,7 +1,5 @@
 """Where the base and the camera of a live robot are over time, from odometry and the tree of frames."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -1,7 +1,5 @@
 """Colour and depth of a live robot, paired by their stamps."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -1,7 +1,5 @@
 """A simulated robot as a ROS 2 robot, in real time or faster: it publishes what it senses and follows ``cmd_vel``."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

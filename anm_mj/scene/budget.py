@@ -1,7 +1,5 @@
 """How many steps a run in a scene has, where nobody says."""
 
-from __future__ import annotations
-
 import math
 
 from anm_mj.scene.folder import Scene

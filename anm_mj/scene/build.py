@@ -1,7 +1,5 @@
 """Builds the MuJoCo model of a scene and a robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco

@@ -1,7 +1,5 @@
 """Checks whether a robot can use a scene, and measures its rooms, doors and textures."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path

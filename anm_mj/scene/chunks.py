@@ -3,8 +3,6 @@
 Only the model holds chunks; the scene folder keeps whole meshes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -5,8 +5,6 @@ slice through all body heights therefore suffices. The slice is taken from the e
 close doorways, and simplification would lose table legs.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ geometry.npz   vertices (V, 3) float32 in the world [m] and faces (F, 3) int32: 
                obstacle_vertices and obstacle_faces where the robot meets something else than the camera sees
 """
 
-from __future__ import annotations
-
 import functools
 import logging
 import math

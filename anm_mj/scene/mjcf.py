@@ -1,7 +1,5 @@
 """The MJCF of a scene: unlit visual meshes, collision boxes and an infinite floor."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ MuJoCo's version, whose binary format changes with every release. A file that do
 is ignored and replaced.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import uuid

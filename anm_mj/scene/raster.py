@@ -4,8 +4,6 @@ Clipping to the slab z_min..z_max leaves convex polygons of at most five corners
 run of cells, whose ends follow from its edges. No loop over triangles and no test per cell is needed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import cast
 

@@ -7,8 +7,6 @@ what lies between them is a lintel or a door: at most ``DOOR_MAX_M`` wide and cl
 (:mod:`anm_mj.geometry.room_merging`, as for the rooms of the robot's own graph).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

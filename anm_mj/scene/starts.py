@@ -1,7 +1,5 @@
 """Random start poses of episodes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Submeshes: triangles of a scene that share one texture or colour."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Writes scene folders, for imported and generated scenes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

@@ -1,7 +1,5 @@
 """What the map expects a camera to measure; a frame without any depth is held against it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

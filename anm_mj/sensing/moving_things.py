@@ -4,8 +4,6 @@ The camera looks over what is low and near. Such a thing is remembered for longe
 somewhere about that place: within what it can have covered at its fastest, up to a bound.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

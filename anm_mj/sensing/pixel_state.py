@@ -5,8 +5,6 @@ grazing angle, and where nothing is within its range; its image does not say whi
 what is nearer than the floor that is seen below it would hide that floor.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

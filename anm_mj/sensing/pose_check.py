@@ -6,8 +6,6 @@ the one that was driven to. A jump that does not fit is undone for this frame an
 on without a seam.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import replace

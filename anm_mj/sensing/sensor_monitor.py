@@ -9,8 +9,6 @@ out, and a jump of the pose is undone where the map says that the robot did not 
 (:mod:`anm_mj.sensing.pose_check`).
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import astuple, replace

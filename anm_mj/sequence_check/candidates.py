@@ -1,7 +1,5 @@
 """Which correction fits a sequence best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

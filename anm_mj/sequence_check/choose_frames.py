@@ -1,7 +1,5 @@
 """Which frames of a sequence are compared: groups of three, near each other in time whatever the poses say."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Puts a recorded sequence right."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from dataclasses import replace
 

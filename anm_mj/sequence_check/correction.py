@@ -1,7 +1,5 @@
 """What may be wrong with a recorded sequence, as the options of ``anm-mj map`` that put it right."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 

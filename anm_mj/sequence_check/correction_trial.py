@@ -1,7 +1,5 @@
 """Tries corrections on the frames that were read."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Reads the frames that the check compares."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Depth of frame pairs is carried from one camera into the other (:mod:`.misfit`).
 much better, in many of them and in hardly any worse, it is a finding; the best one is taken first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -6,8 +6,6 @@ frame pair costs little, a gross error is told from a smaller one, and no outlie
 costs half, so that no hypothesis wins by looking elsewhere.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

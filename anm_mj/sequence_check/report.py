@@ -1,7 +1,5 @@
 """What the check found, in words and as options of ``anm-mj map``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from anm_mj.io.sequence import Sequence

@@ -4,8 +4,6 @@ Inverse depth is linear over a plane, so its gradient gives the normal. It is ta
 of it is computed where a point is looked up.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

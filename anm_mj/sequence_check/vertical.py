@@ -1,7 +1,5 @@
 """Which axis of a recorded world points up, by how cameras are held."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ Inverse depth is linear over a plane, whatever the camera, so its mean over a bl
 the block's middle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The check as ``anm-mj map`` does it: look at some frames, warn, and put right what was asked for."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass, field, replace
 

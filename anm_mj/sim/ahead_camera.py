@@ -5,8 +5,6 @@ from. An image that was begun is given out only where every pose that a camera r
 that guesses change how long an image takes and nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Base class of the RGB-D cameras, which render a simulated world by GL or by ray casting."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """Chooses and makes the fastest camera for a scene on this machine."""
 
-from __future__ import annotations
-
 import logging
 
 import mujoco

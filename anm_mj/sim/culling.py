@@ -6,8 +6,6 @@ if its whole bounding box lies behind the depth without the mesh. If one is not,
 again, so a wrong prediction only costs time.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int

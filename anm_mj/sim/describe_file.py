@@ -1,7 +1,5 @@
 """Describes a robot from a file of any kind: an MJCF, a URDF with the meshes that ROS finds, or one with macros."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from pathlib import Path
 

@@ -4,8 +4,6 @@
 opens, or on that of ``MUJOCO_EGL_DEVICE_ID``. Source: EGL_EXT_device_query and EGL_NV_device_cuda (Khronos).
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

@@ -5,8 +5,6 @@ with an AttributeError. Therefore each candidate is tested in a process of its o
 mujoco.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import importlib.metadata

@@ -4,8 +4,6 @@
 magnitude slower, and multisampling blends depths across edges.
 """
 
-from __future__ import annotations
-
 import atexit
 import functools
 import os

@@ -4,8 +4,6 @@ It runs in a process of its own, because a broken back-end spoils the import of 
 nothing of this package, so it starts as fast as mujoco does.
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Samples textures at many points at once, with the mipmaps and the bilinear filter of a rasteriser."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float32, Int32, Int64, UInt8
 

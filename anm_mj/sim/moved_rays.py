@@ -1,7 +1,5 @@
 """Rays against what somebody else moves, such as people: how far it is, and which pixels show it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int

@@ -3,8 +3,6 @@
 Their depth is as exact as that of :class:`anm_mj.sim.gl_camera.GlCamera`. They see triangles from both sides.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8

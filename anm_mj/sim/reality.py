@@ -4,8 +4,6 @@ A reality stands for options and settings of a run; whatever is given beside it 
 that says which.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

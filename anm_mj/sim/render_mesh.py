@@ -1,7 +1,5 @@
 """Extracts the visible geometry of a model as one textured mesh, for the ray-casting cameras."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

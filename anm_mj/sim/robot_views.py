@@ -1,7 +1,5 @@
 """Pictures of a robot from three sides, with its footprint and its camera's axis."""
 
-from __future__ import annotations
-
 import math
 from contextlib import closing
 

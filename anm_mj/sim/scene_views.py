@@ -1,7 +1,5 @@
 """Renders a scene without a robot: top view, interior views, and a test for single-sided walls."""
 
-from __future__ import annotations
-
 import math
 from contextlib import closing
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What the map answers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

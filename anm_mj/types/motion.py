@@ -1,7 +1,5 @@
 """What the robot does, and why it stops."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum

@@ -1,7 +1,5 @@
 """What planning reads out of the map, and decides."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrays that grow: larger ones around a smaller one, and masks with their neighbours."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 

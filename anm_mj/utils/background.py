@@ -1,7 +1,5 @@
 """Tasks that one thread does in order, while whoever gives them goes on."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from queue import Queue

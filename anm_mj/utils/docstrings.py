@@ -1,7 +1,5 @@
 """What the docstrings say of the fields of a dataclass and of the parameters of a function."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

@@ -1,7 +1,5 @@
 """Limits of what files of others may ask for; each is an environment variable that raises it."""
 
-from __future__ import annotations
-
 import os
 
 

@@ -1,7 +1,5 @@
 """Files that are written whole or not at all, and the user's cache folder."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import os

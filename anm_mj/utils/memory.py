@@ -1,7 +1,5 @@
 """Returns memory to the operating system."""
 
-from __future__ import annotations
-
 import ctypes
 import mmap
 import sys

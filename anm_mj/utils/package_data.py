@@ -1,7 +1,5 @@
 """Where the builtin robots and scenes lie: beside the package in a checkout, inside of it once it is installed."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Opens pictures of anybody, without external programs or more pixels than memory bears; packs those of pages."""
 
-from __future__ import annotations
-
 import base64
 import io
 import math

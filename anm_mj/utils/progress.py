@@ -1,7 +1,5 @@
 """How far a long computation is, for whoever shows it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Progress = Callable[[int, int], None]

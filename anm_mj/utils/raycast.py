@@ -1,7 +1,5 @@
 """Ray casting against triangle meshes with Embree, an optional package."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import numpy as np

@@ -3,8 +3,6 @@
 Every function raises ``OSError`` or ``ValueError`` alone, so that a reader turns both into its own sentence.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import json

@@ -3,8 +3,6 @@
 A number must be above zero and at most a million unless its field says otherwise with :func:`setting`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass, field, fields, is_dataclass

@@ -1,7 +1,5 @@
 """How many threads numerical work gets."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The files that pages are made of: our own, and meshcat's bundle of three.js."""
 
-from __future__ import annotations
-
 import json
 from importlib import resources
 from pathlib import Path

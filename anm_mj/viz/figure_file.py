@@ -1,7 +1,5 @@
 """Writes a figure as PNG, PDF or SVG: the same figure gives the same bytes, and a journal can take it."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """How well the frames of a recorded sequence fit their map, as a picture."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

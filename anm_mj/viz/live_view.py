@@ -1,7 +1,5 @@
 """Live view of a run in a browser: mesh, robot, trajectory, Voronoi graph, regions of interest, target and path."""
 
-from __future__ import annotations
-
 import getpass
 import logging
 import shlex

@@ -1,7 +1,5 @@
 """Colours of what figures, film and pages draw, as ``#rrggbb``; each has one meaning everywhere."""
 
-from __future__ import annotations
-
 UNKNOWN, WALL = "#c6c3bd", "#3a3a3f"
 NO_FLOOR = "#8fb0a3"
 """A drop, and the outside beyond it."""

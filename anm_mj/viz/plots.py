@@ -1,7 +1,5 @@
 """Figures of a run, rendered without a window system."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

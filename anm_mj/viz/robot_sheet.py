@@ -1,7 +1,5 @@
 """Draws a robot from three sides as one PNG, with its measures and a legend."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

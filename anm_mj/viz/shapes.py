@@ -1,7 +1,5 @@
 """Objects of the live view for meshcat; in the world frame [m] unless stated otherwise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Colours of a top-down map: free space by its clearance, obstacles, drops, the unknown."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, UInt8
 

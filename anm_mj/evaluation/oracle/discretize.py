@@ -5,8 +5,6 @@ line, then along the one on the other side, which costs one turn; steering for t
 metre.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

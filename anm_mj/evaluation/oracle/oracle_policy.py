@@ -8,8 +8,6 @@ the residual samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). What it co
 most possible; :mod:`anm_mj.evaluation.oracle.upper_bound` estimates an upper one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -6,8 +6,6 @@ Greedy set cover selects as few as show each sample several times, because a rob
 does not stop exactly at a place.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A roadmap of a known area: places spread over it, and shortest paths between them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Segments of tours: turns at a place and paths between places, with the samples that their frames cover."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Int, Int8, Int32, UInt64
 

@@ -10,8 +10,6 @@ annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, 
 and turns stops, and moves and reverses stretches of the tour (the Or-opt and 2-opt moves of the travelling salesman).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Costs are in steps: a sample that stays uncovered for the whole budget costs the
 samples.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 The user's cache folder keeps every tour under a name made from everything that it depends on.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

@@ -9,8 +9,6 @@ Poses are those of the tour search: places at most a spacing apart, whose views 
 bounded from below by that slack and by how much a path over a grid is longer than a straight one.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

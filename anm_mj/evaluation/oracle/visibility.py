@@ -1,7 +1,5 @@
 """Visibility in a known scene: the samples that each view covers, as bits."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, UInt64
 

@@ -3,8 +3,6 @@
 A run that looked well becomes a tour that the search improves, so that the oracle profits from whatever a policy found.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

@@ -4,8 +4,6 @@
 of a software GL renderer: in a process that has rendered before, this ends in a segmentation fault.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -5,8 +5,6 @@ border, in host memory; the parameter layout is the one of :mod:`anm_mj.mapping.
 state, rays and seed, all engines draw the same samples (:func:`.torch_sampling.counter_uniform`) and agree to rounding.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Every engine reads these numbers; :mod:`.torch_encoding` says what they mean. Imports no torch.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Float32, Int64
 

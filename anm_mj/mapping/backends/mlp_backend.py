@@ -9,8 +9,6 @@ Deviations: rays come from all keyframes evenly and from the frame at hand inste
 loss; the term on gradient directions (weight 0.018) is left out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ It draws the same samples as the torch engine from the same seed, and its checkp
 the same bytes for any number of threads, but not for other instruction sets, which sum in another order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -13,8 +13,6 @@ name                    shape                             meaning
 ======================  ================================  =====================================================
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeVar

@@ -3,8 +3,6 @@
 Torch is imported only where it computes: a run with the native engine saves its seconds and its hundreds of megabytes.
 """
 
-from __future__ import annotations
-
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
 from anm_mj.mapping.mapping_config import MappingConfig

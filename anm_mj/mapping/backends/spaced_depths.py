@@ -1,7 +1,5 @@
 """What the uniform sampling scheme is made of, the very same numbers for every engine. Imports no torch."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float32
 

@@ -1,7 +1,5 @@
 """What the engines that compute with torch tensors share: numpy at the border, and queries in chunks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The reference engine, in torch: runs anywhere, and is what the other engines are tested against."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from jaxtyping import Float, Float32

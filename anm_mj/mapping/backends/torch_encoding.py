@@ -12,8 +12,6 @@ of that paper. One formula serves both: ``((x * ax) & mx) ^ ((y * ay) & my) ^ ((
 tables can be doubled without moving what was learnt, see :func:`anm_mj.mapping.backends.grid_layout.doubled_table`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Its parameters are those of :mod:`anm_mj.mapping.backends.parameters`. There are
 truncation distance: 1 in free space, 0 on the surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import torch

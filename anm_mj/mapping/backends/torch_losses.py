@@ -1,7 +1,5 @@
 """The five loss terms (paper, Eq. 9 to 12), with the normalisation of Co-SLAM's released code."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

@@ -4,8 +4,6 @@ The jitter comes from a hash of (seed, ray, sample), so that every engine draws 
 without sharing a random number generator.
 """
 
-from __future__ import annotations
-
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor

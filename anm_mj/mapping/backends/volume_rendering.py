@@ -1,7 +1,5 @@
 """Volume rendering of a signed distance field (paper, Eq. 1 and 2)."""
 
-from __future__ import annotations
-
 import torch
 from jaxtyping import Float
 from torch import Tensor

@@ -1,7 +1,5 @@
 """The one argument that every policy is made from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 

@@ -1,7 +1,5 @@
 """What policies need to begin with what a prior run explored."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 

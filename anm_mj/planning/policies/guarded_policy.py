@@ -1,7 +1,5 @@
 """Keeps a faulty policy from ending a run without its files: what it raises or returns wrongly becomes a stop."""
 
-from __future__ import annotations
-
 import logging
 import reprlib
 import traceback

@@ -1,7 +1,5 @@
 """A policy by its name, for a body; with the settings that it has where nothing else is asked for."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from anm_mj.planning.planning_config import PlanningConfig

@@ -1,7 +1,5 @@
 """The random baseline: uniform over forward, left and right (Yan et al., ICCV 2023, table 1)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext

@@ -1,7 +1,5 @@
 """Brings a robot that grows unsure of its pose back to where it was sure, whatever policy explores."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

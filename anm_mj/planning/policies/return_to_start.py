@@ -1,7 +1,5 @@
 """Brings the robot back to where it began, whatever policy explores, before the budget of steps is spent."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

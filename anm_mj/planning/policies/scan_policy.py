@@ -1,7 +1,5 @@
 """What policies with a planar grid of their own have in common: they scan every view and plan on that grid alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

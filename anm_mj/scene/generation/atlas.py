@@ -4,8 +4,6 @@ Every quad gets a rectangle of texels of its own, with its corners at the centre
 that bilinear filtering shows exactly what was painted. One texel of margin keeps neighbours from bleeding in.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

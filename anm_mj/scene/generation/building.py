@@ -3,8 +3,6 @@
 Generated layouts and imported floor plans both become a :class:`Building`; all later steps are the same.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Top-down maps of generated buildings in milliseconds, for tests and for training on thousands of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Furnishes a building: windows, materials and furniture for every room; every door stays reachable."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import islice
 

@@ -1,7 +1,5 @@
 """Generates scenes from a seed or from a building: furnishes, lights, checks and writes them."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Ceiling lamps, and the light sources of lamps and windows."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 

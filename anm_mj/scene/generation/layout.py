@@ -1,7 +1,5 @@
 """Generates layouts: rooms, doors that connect them all, and loops."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Moves furniture in a furnished building: the same rooms on another day, for maps that are to notice it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

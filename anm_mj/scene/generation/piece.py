@@ -3,8 +3,6 @@
 Top-down maps, made by the thousand for training, need outlines only.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Places furniture in a room: against walls, with clear floor in front, and off the doors."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 from jaxtyping import Float64

@@ -1,7 +1,5 @@
 """Arrangements of rectangular rooms: clusters, and rows of rooms along corridors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Random colours and materials, so that rooms look different."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Room templates: the furniture of each room type, the most important first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Room types: their sizes, and which ones a building of a given number of rooms has."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Floors, ceilings, walls, windows and door frames of rooms of any outline."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 

@@ -3,8 +3,6 @@
 Randomness comes from hashed lattice coordinates, so a pattern is the same in whatever order it is evaluated.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Tests on a grid of one room whether the robot can still drive from every door to every other."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ the surface (cone tracing, after Crassin et al., "Interactive indirect illuminat
 shadows of lamps and windows follow from steps through the finest grid.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Upright walls as seen from inside a room: holes, skirting, door casings and windows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Windows in the outer walls of rooms."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.scene.generation.building import GivenWindow, RoomWall

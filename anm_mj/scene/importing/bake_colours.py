@@ -6,8 +6,6 @@ Triangles are laid out along a Morton curve through space and their tiles along 
 that neighbours in space are neighbours in the texture and the coarser levels the GPU makes of it still look right.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int64, Integer, UInt8
 

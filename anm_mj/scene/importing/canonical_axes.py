@@ -5,8 +5,6 @@ millimetres. Geometry tells more: the smallest extent of an indoor scene is abou
 largest level surface near the bottom with headroom.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Choosing parts of a source by name."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from fnmatch import fnmatchcase
 

@@ -1,7 +1,5 @@
 """Finds the leaves of doors among the parts of a scene, and opens or shuts them."""
 
-from __future__ import annotations
-
 import logging
 import math
 import re

@@ -1,7 +1,5 @@
 """Imports floor plans in JSON."""
 
-from __future__ import annotations
-
 import logging
 import zlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenes given as the file that they would be imported from."""
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import os

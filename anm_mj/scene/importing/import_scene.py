@@ -1,7 +1,5 @@
 """Imports meshes, worlds, scans and floor plans as scene folders."""
 
-from __future__ import annotations
-
 import logging
 import math
 import os

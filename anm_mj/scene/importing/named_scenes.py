@@ -3,8 +3,6 @@
 Nothing is downloaded from here; where the data set's own package is installed, it is asked to fetch what is missing.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import logging

@@ -1,7 +1,5 @@
 """Brings a source into the world: metres, z up, floor at z = 0; chooses parts, doors and a storey on the way."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Says why most of a scene's floor cannot be reached, and which option helps."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

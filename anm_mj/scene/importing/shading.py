@@ -1,7 +1,5 @@
 """Light for worlds that have none: of one colour in all directions, a wall and the next would show no corner."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Finds parts that lie far away from everything else: a forgotten lamp half a kilometre off."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Drives a robot over an empty floor to see whether it stands, rolls and turns; and its file in plain MuJoCo."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A drive without physics: it executes a motion exactly or refuses it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

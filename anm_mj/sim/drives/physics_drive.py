@@ -1,7 +1,5 @@
 """A drive by wheel torque and contact: the wheels move the base, and obstacles stop it."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Gives up a robot that fails several times in a row with nothing in the way: it slides, or a wheel sticks."""
 
-from __future__ import annotations
-
 import logging
 
 from anm_mj.types import StopReason

@@ -1,7 +1,5 @@
 """What the robot's shell touches: everything of it but wheels and casters."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Common part of the two drives: the simulated base, its kinematics, its odometer and the look-at controller."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

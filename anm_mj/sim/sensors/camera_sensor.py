@@ -1,7 +1,5 @@
 """The robot's camera as its maker would describe it: exact images in, measured ones out."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Colour as a camera records it: shot and read noise, and an exposure that is never quite the same."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import UInt8
 

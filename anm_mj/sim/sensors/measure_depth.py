@@ -4,8 +4,6 @@ A pixel of the result is a measured planar depth, ``inf`` where the sensor says 
 or ``nan`` where it measured nothing. Real cameras cannot tell the two apart; only the exact one says ``inf``.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

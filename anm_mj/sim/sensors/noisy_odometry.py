@@ -1,7 +1,5 @@
 """Wheel odometry with the errors of a real drive: the odometry motion model."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensors by name: a perfect one, the Intel RealSense D435i and the Azure Kinect, with the sources of their figures."""
 
-from __future__ import annotations
-
 from anm_mj.errors import RobotError
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.close_names import close_name

@@ -15,8 +15,6 @@ Deviations:
 - When no target at all can be reached the robot makes one full rotation; then the run ends.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of the anm-s policy, those of the paper's ablations (section V-D) among them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.planning.policies.context import PolicyConfig

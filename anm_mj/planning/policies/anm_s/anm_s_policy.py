@@ -28,8 +28,6 @@ Deviations from the paper:
   seemed too narrow from afar.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

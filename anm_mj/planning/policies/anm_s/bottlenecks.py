@@ -4,8 +4,6 @@ Each end of an edge is equally far from both generating points (paper, Eq. 3). T
 of the edge therefore determine these points: at the same place along the edge, one on each side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The vertices that a decision weighs, and how good each is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

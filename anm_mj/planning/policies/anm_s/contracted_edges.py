@@ -5,8 +5,6 @@ and the boundary points of the generalized Voronoi graph remain (Choset and Burd
 over arrays: milliseconds for a large building.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Int
 

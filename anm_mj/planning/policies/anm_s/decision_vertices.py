@@ -1,7 +1,5 @@
 """Decision vertices: the vertices of the graph where paths meet, where they end, and a few on long paths between."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Int
 from scipy.spatial import KDTree

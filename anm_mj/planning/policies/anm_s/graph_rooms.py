@@ -7,8 +7,6 @@ free-standing obstacle is furniture unless it is long, or thin as a wall. A bott
 than it looks, because the view ends there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

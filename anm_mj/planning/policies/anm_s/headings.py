@@ -1,7 +1,5 @@
 """Where the robot turns to on arrival, and what lies ahead of it."""
 
-from __future__ import annotations
-
 import functools
 import math
 

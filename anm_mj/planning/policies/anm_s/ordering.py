@@ -1,7 +1,5 @@
 """In which order candidates are tried: by tier and room, or as the paper's ablations ask."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int
 

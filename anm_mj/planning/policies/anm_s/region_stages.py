@@ -1,7 +1,5 @@
 """The stages of the paper's policy, beyond those that all share: decision vertices, rooms and regions of interest."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

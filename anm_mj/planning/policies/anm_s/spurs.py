@@ -5,8 +5,6 @@ its beginning. Spurs are known by how fast the clearance falls along them. A bra
 and is kept, provided the robot fits into the unknown; between furniture and the edge of its shadow it does not.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool
 

@@ -1,7 +1,5 @@
 """The present target, and earlier ones that led into an obstacle or were dropped on the way."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The frontier that the robot can go on into, and the vertices of the graph that border on it."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree

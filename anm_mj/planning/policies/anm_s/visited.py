@@ -4,8 +4,6 @@ A vertex of the graph is equidistant to the obstacles that surround it. Once the
 enough, and none of the border is unknown, a visit shows nothing new; regions of interest stand for the rest.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree

@@ -18,8 +18,6 @@ Deviations:
   backwards for ever.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -5,8 +5,6 @@ with about a hundredth of its weights: three poolings, two 3 x 3 convolutions pe
 ``scripts/train_upen.py`` trains it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

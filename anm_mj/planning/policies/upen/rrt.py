@@ -1,7 +1,5 @@
 """A rapidly exploring random tree over the free cells of a map (LaValle, 1998)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

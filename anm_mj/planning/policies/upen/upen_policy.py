@@ -14,8 +14,6 @@ Deviations:
 - The robot follows paths on the grid instead of a learned point navigator.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

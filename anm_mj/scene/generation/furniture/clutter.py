@@ -1,7 +1,5 @@
 """Small things that lie about on tables, shelves and the floor; each stands about the origin."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lamps, plants, pictures, rugs and screens; each stands about the origin or hangs on a wall along y = 0."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

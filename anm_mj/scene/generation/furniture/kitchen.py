@@ -1,7 +1,5 @@
 """Kitchen and bathroom fittings; the back of each lies along y = 0 and it faces -y."""
 
-from __future__ import annotations
-
 from anm_mj.scene.generation.quads import Material, Parts, Quads, box, cushion, cylinder, join, joined, strut
 from anm_mj.scene.generation.textures import plain, rgb
 

@@ -1,7 +1,5 @@
 """Chairs and sofas; each stands about the origin and faces -y."""
 
-from __future__ import annotations
-
 import math
 
 from anm_mj.scene.generation.quads import Material, Parts, ball, box, cushion, cylinder, joined, lathe, strut

@@ -1,7 +1,5 @@
 """Bookcases and cupboards; the back of each lies along y = 0 and it faces -y."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.scene.generation.quads import Material, Parts, box, joined

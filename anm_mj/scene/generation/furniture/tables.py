@@ -1,7 +1,5 @@
 """Tables, desks and beds; each stands about the origin unless it says otherwise."""
 
-from __future__ import annotations
-
 from anm_mj.scene.generation.quads import Material, Parts, box, cushion, joined
 
 

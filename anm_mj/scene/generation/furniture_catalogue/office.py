@@ -1,7 +1,5 @@
 """Furniture catalogue: offices. Each function draws one piece of a room's style, its sizes by chance."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables

@@ -1,7 +1,5 @@
 """Rooms as labelled cells of a grid: their outlines, and the passages between them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

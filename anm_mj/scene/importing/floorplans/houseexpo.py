@@ -4,8 +4,6 @@ It lists no rooms and no doors. Segmentation finds them (:func:`anm_mj.scene.roo
 boxes of ``room_category`` name the rooms.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Floor plans of schema plan-1: rooms, doors as segments, walls and floor as polygons, all in metres."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Unity's axes are left-handed with y up, so (x, z) seen from above is (x, y) here
 are not part of the file; the rooms are furnished by the generator instead.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What rooms are for, where a plan says it, and where only their shape does."""
 
-from __future__ import annotations
-
 import shapely
 
 _WORDS = {

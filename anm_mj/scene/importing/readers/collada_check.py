@@ -3,8 +3,6 @@
 The library that reads COLLADA leaves out what it cannot read without a word.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path

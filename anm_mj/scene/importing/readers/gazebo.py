@@ -5,8 +5,6 @@ hundred metres wide, is cut to what stands on it. The unit of a COLLADA mesh is 
 Gazebo does.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import xml.etree.ElementTree as ET

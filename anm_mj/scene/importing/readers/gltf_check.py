@@ -1,7 +1,5 @@
 """Checks a glTF file before it is read: whether all of its triangles and textures can be, and how much there is."""
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Iterator

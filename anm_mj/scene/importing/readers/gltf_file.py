@@ -1,7 +1,5 @@
 """A glTF file as it is stored: its JSON, the lists in it that name one another, and the bytes of its images."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -4,8 +4,6 @@ A .scene_instance.json places templates, y up and in metres. A template is a .gl
 dataset, or a .json beside it that names the .glb and its axes. Articulated objects stand in their rest pose.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

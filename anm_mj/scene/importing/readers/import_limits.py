@@ -3,8 +3,6 @@
 Each limit is an environment variable, which the message names, for those who know their file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path

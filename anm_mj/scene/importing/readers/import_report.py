@@ -1,7 +1,5 @@
 """Collects what cannot be imported from a source, and logs it once at the end."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Collection
 from dataclasses import dataclass, field

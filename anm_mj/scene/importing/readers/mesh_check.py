@@ -1,7 +1,5 @@
 """Checks a mesh file before it is read: whether it is readable, and which features will be missing."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What the check of a mesh file finds out for its reader."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

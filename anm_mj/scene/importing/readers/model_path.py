@@ -1,7 +1,5 @@
 """Finds the models and files that a Gazebo world or a URDF file names by URI, and says which of them may be read."""
 
-from __future__ import annotations
-
 import os
 import re
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """Checks an OBJ file before it is read, and writes its lines as the library expects them."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

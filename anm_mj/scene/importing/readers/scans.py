@@ -4,8 +4,6 @@ One mesh is the scene; the layout says which file that is, which axis points up,
 metres. The files that Habitat reads are z up although glTF prescribes y up.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Puts the models that an SDF world includes in their places, wherever their files are."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from copy import deepcopy
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The simple shapes of SDF and URDF as submeshes about their own origin [m]: boxes, spheres, cylinders and so on."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from functools import reduce

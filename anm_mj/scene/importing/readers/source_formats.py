@@ -1,7 +1,5 @@
 """The formats that can be imported, and how the format of a source is found."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

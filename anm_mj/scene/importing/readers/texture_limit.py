@@ -1,7 +1,5 @@
 """Limits number and size of textures to what the renderer and the memory of a laptop take."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Reads the visual meshes and shapes of a URDF file, with all joints at zero."""
 
-from __future__ import annotations
-
 import math
 import os
 import xml.etree.ElementTree as ET

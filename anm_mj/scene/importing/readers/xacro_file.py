@@ -1,7 +1,5 @@
 """Expands worlds and robots that are written with macros (xacro), where the program that does so is installed."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

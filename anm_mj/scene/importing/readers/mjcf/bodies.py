@@ -1,7 +1,5 @@
 """What the bodies of a world are: their names, which are robots, which move and how."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Int

@@ -1,7 +1,5 @@
 """Compiles a MuJoCo world and brings it to the state that is imported."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal

@@ -1,7 +1,5 @@
 """Cuts endless and very wide grounds, planes, height fields or flat boxes, to the building that stands on them."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

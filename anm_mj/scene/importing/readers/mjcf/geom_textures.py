@@ -5,8 +5,6 @@ along z, and round any other shape; ``texrepeat`` times over the geom, or per me
 is looked up by direction.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import mujoco

@@ -1,7 +1,5 @@
 """The free bodies of a world as objects that the robot may push."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from jaxtyping import Float64

@@ -5,8 +5,6 @@ do there. Robots, actuators, cameras, lights and markers are left out. A mesh co
 its convex hull, which would fill the rooms of a building in one piece.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
