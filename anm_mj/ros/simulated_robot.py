@@ -11,31 +11,7 @@ import numpy as np
 from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.errors import ConfigError
 from anm_mj.frames import pose_matrix
-from anm_mj.ros.names import (
-    BASE,
-    CAMERA,
-    CAMERA_INFO,
-    CLOCK,
-    CLOCK_TYPE,
-    COLOUR,
-    COLOUR_INFO,
-    COMMAND,
-    DEPTH,
-    DEPTH_INFO,
-    IMAGE,
-    JOINT_STATE,
-    JOINTS,
-    ODOM,
-    ODOMETRY,
-    ODOMETRY_TYPE,
-    TF,
-    TF_STATIC,
-    TF_TYPE,
-    TRUTH,
-    TWIST,
-    TWIST_STAMPED,
-    WORLD,
-)
+from anm_mj.ros import names
 from anm_mj.ros.node import LATCHED, STATE, Delivery, Node
 from anm_mj.sim.sim_robot import SimRobot
 from anm_mj.types import Observation, Twist
@@ -88,20 +64,20 @@ class SimulatedRosRobot:
         self._limits, self._image_period_s = MotionLimits(), 1.0 / image_hz
         self._wanted, self._wanted_s, self._now = _STILL, -math.inf, _STILL
         kinds = {
-            COLOUR: (IMAGE, _IMAGES),
-            DEPTH: (IMAGE, _IMAGES),
-            COLOUR_INFO: (CAMERA_INFO, STATE),
-            DEPTH_INFO: (CAMERA_INFO, STATE),
-            ODOMETRY: (ODOMETRY_TYPE, STATE),
-            TRUTH: (ODOMETRY_TYPE, STATE),
-            JOINTS: (JOINT_STATE, STATE),
-            TF: (TF_TYPE, STATE),
-            TF_STATIC: (TF_TYPE, LATCHED),
-            CLOCK: (CLOCK_TYPE, STATE),
+            names.COLOUR: (names.IMAGE, _IMAGES),
+            names.DEPTH: (names.IMAGE, _IMAGES),
+            names.COLOUR_INFO: (names.CAMERA_INFO, STATE),
+            names.DEPTH_INFO: (names.CAMERA_INFO, STATE),
+            names.ODOMETRY: (names.ODOMETRY_TYPE, STATE),
+            names.TRUTH: (names.ODOMETRY_TYPE, STATE),
+            names.JOINTS: (names.JOINT_STATE, STATE),
+            names.TF: (names.TF_TYPE, STATE),
+            names.TF_STATIC: (names.TF_TYPE, LATCHED),
+            names.CLOCK: (names.CLOCK_TYPE, STATE),
         }
         self._to = {topic: node.publisher(topic, kind, delivery) for topic, (kind, delivery) in kinds.items()}
-        node.subscribe(COMMAND, TWIST, lambda message, _: self._command(message))
-        node.subscribe(COMMAND, TWIST_STAMPED, lambda message, _: self._command(message.twist))
+        node.subscribe(names.COMMAND, names.TWIST, lambda message, _: self._command(message))
+        node.subscribe(names.COMMAND, names.TWIST_STAMPED, lambda message, _: self._command(message.twist))
 
     def _command(self, twist: Any) -> None:
         wanted = Twist(float(twist.linear.x), float(twist.angular.z))
@@ -114,7 +90,8 @@ class SimulatedRosRobot:
         robot, begin = self._robot, time.monotonic()
         first = robot.observe()
         T_base_camera = np.linalg.inv(pose_matrix(first.pose)) @ first.T_world_camera
-        self._to[TF_STATIC].publish(self._node.messages.transforms(0.0, [(BASE, CAMERA, T_base_camera)]))
+        mount = (names.BASE, names.CAMERA, T_base_camera)
+        self._to[names.TF_STATIC].publish(self._node.messages.transforms(0.0, [mount]))
         contacts = images = skipped = 0
         # A camera whose images come late has taken none before the beginning.
         touched, next_image_s, start_s = False, first.image_age_s, robot.data.time
@@ -157,25 +134,25 @@ class SimulatedRosRobot:
         robot, make, now_s = self._robot, self._node.messages, self._robot.data.time
         twist = make.twist(*((0.0, 0.0) if stands else (self._now.forward_mps, self._now.turn_radps)))
         odometry = robot.odometry
-        self._to[CLOCK].publish(make.make(CLOCK_TYPE, clock=make.stamp(now_s)))
-        self._to[ODOMETRY].publish(make.odometry(now_s, ODOM, BASE, odometry, twist))
-        self._to[TF].publish(make.transforms(now_s, [make.base_link(ODOM, BASE, odometry)]))
-        self._to[TRUTH].publish(make.odometry(now_s, WORLD, BASE, robot.pose, twist))
-        names, positions, velocities = robot.joints()
+        self._to[names.CLOCK].publish(make.make(names.CLOCK_TYPE, clock=make.stamp(now_s)))
+        self._to[names.ODOMETRY].publish(make.odometry(now_s, names.ODOM, names.BASE, odometry, twist))
+        self._to[names.TF].publish(make.transforms(now_s, [make.base_link(names.ODOM, names.BASE, odometry)]))
+        self._to[names.TRUTH].publish(make.odometry(now_s, names.WORLD, names.BASE, robot.pose, twist))
+        joint_names, positions, velocities = robot.joints()
         joints = make.make(
-            JOINT_STATE,
+            names.JOINT_STATE,
             header=make.header(now_s, ""),
-            name=names,
+            name=joint_names,
             position=positions,
             velocity=velocities,
             effort=np.zeros(0),
         )
-        self._to[JOINTS].publish(joints)
+        self._to[names.JOINTS].publish(joints)
 
     def _publish_images(self, seen: Observation) -> None:
         make, now_s = self._node.messages, seen.time_s - seen.image_age_s
-        info = make.camera_info(now_s, CAMERA, seen.intrinsics)
-        self._to[COLOUR_INFO].publish(info)
-        self._to[DEPTH_INFO].publish(info)
-        self._to[COLOUR].publish(make.image(now_s, CAMERA, seen.rgb))
-        self._to[DEPTH].publish(make.image(now_s, CAMERA, seen.depth_m))
+        info = make.camera_info(now_s, names.CAMERA, seen.intrinsics)
+        self._to[names.COLOUR_INFO].publish(info)
+        self._to[names.DEPTH_INFO].publish(info)
+        self._to[names.COLOUR].publish(make.image(now_s, names.CAMERA, seen.rgb))
+        self._to[names.DEPTH].publish(make.image(now_s, names.CAMERA, seen.depth_m))
