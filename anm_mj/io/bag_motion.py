@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +9,7 @@ from jaxtyping import Float
 from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_poses import FrameTree, Track
 from anm_mj.io.bag_reader import BagReader
+from anm_mj.io.ros_messages import place_and_turn, seconds
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSES = (
@@ -105,8 +105,9 @@ class BagMotion(BagReader):
         for topic in self.of_type(*TRANSFORMS):
             for message in self.messages(topic):
                 for one in message.transforms:
-                    pose, parent = _pose(one.transform.translation, one.transform.rotation), one.header.frame_id
-                    tree.add(parent, one.child_frame_id, _time_s(one.header), pose, static=topic.endswith("static"))
+                    time_s, stands = seconds(one.header.stamp), one.transform
+                    pose = place_and_turn(stands.translation, stands.rotation)
+                    tree.add(one.header.frame_id, one.child_frame_id, time_s, pose, static=topic.endswith("static"))
         return tree
 
     def _track(self, topic: str) -> tuple[Track, str | None]:
@@ -117,23 +118,15 @@ class BagMotion(BagReader):
         track, moved = Track(topic), set()
         for message in self.messages(topic):
             if hasattr(message, "transform"):
-                pose = _pose(message.transform.translation, message.transform.rotation)
+                pose = place_and_turn(message.transform.translation, message.transform.rotation)
             else:
                 stated = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-                pose = _pose(stated.position, stated.orientation)
+                pose = place_and_turn(stated.position, stated.orientation)
             moved.add(getattr(message, "child_frame_id", None))
-            track.add(_time_s(message.header), pose)
+            track.add(seconds(message.header.stamp), pose)
         if len(moved) > 1:
             raise ValueError(f"{topic} tells of several: {', '.join(sorted(map(repr, moved)))}")
         (frame,) = moved or {None}
         if frame == "" and "pose" not in self.topics:
             raise ValueError(f"{topic} does not say of which frame it tells")
         return track, frame or None
-
-
-def _time_s(header: Any) -> float:
-    return header.stamp.sec + header.stamp.nanosec * 1e-9
-
-
-def _pose(xyz: Any, q: Any) -> Float[np.ndarray, "7"]:
-    return np.array([xyz.x, xyz.y, xyz.z, q.x, q.y, q.z, q.w], dtype=np.float64)

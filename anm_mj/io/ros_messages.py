@@ -209,3 +209,8 @@ def nanoseconds(time_s: float) -> int:
 def seconds(stamp: Any) -> float:
     """The time of a stamp [s]."""
     return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def place_and_turn(xyz: Any, q: Any) -> Float[np.ndarray, "7"]:
+    """Position [m] and quaternion, scalar last, of the two parts of a pose."""
+    return np.array([xyz.x, xyz.y, xyz.z, q.x, q.y, q.z, q.w], float)

@@ -23,7 +23,7 @@ from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_motion import BagMotion
 from anm_mj.io.bag_poses import GAP_S
 from anm_mj.io.bag_reader import Stamp
-from anm_mj.io.sequence import Frame, LeftOut, Sequence
+from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres
 from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index
 from anm_mj.types import Intrinsics
 
@@ -61,20 +61,11 @@ def read_recording(
         match_s: Colour and depth belong together up to this difference [s].
         max_gap_s: Between poses that lie farther apart, nothing is known [s].
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as err:
-        raise RunFolderError("Bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
-    limit_rosbags()
     unknown = [role for role in topics if role not in _ROLES]
     if unknown:
         raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(_ROLES)}.")
+    reader = open_bag(path)
     try:
-        # A cut file stands for a path here.
-        parts: list[Any] = list(readable_parts(path))
-        reader = AnyReader(parts, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
         bag = _Bag(path, reader, topics, max_gap_s, depth_unit_m or 0.001, camera, match_s, needs_poses)
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
@@ -82,8 +73,32 @@ def read_recording(
     except RunFolderError:
         raise
     except Exception as err:
-        # Readers raise whatever the damaged bytes lead them to.
-        raise RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).") from err
+        raise _unreadable(path, err) from err
+
+
+def open_bag(path: Path) -> Any:
+    """A ``rosbags.highlevel.AnyReader`` of a bag, opened. Raises RunFolderError if the package rosbags is missing, or
+    the bag cannot be read.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as err:
+        raise RunFolderError("Bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
+    limit_rosbags()
+    try:
+        # A cut file stands for a path here.
+        parts: list[Any] = list(readable_parts(path))
+        reader = AnyReader(parts, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+        return reader
+    except Exception as err:
+        raise _unreadable(path, err) from err
+
+
+def _unreadable(path: Path, err: Exception) -> RunFolderError:
+    """Of whatever damaged bytes lead a reader to."""
+    return RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).")
 
 
 @dataclass(eq=False)
@@ -202,7 +217,7 @@ class _Bag(BagMotion):
         taken = self.first(topic)
         for other in beside:
             also = self.first(other)
-            mine, theirs = (self._focal_and_centre(info) for info in (taken, also))
+            mine, theirs = (_matrix(info)[[0, 4, 2, 5]] for info in (taken, also))
             if np.abs(mine - theirs).max() <= _SAME_CAMERA * max(taken.width, 1):
                 continue
             # Depth in the frame of the colour is registered to it, and seen by its camera.
@@ -223,11 +238,6 @@ class _Bag(BagMotion):
             return used
         return topic
 
-    def _focal_and_centre(self, info: Any) -> Float[np.ndarray, "4"]:
-        # A bag of ROS 1 has upper-case names.
-        matrix = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
-        return matrix[[0, 4, 2, 5]]
-
 
 def _words(numbers: Float[np.ndarray, " n"]) -> str:
     return ", ".join(f"{value:.5g}" for value in numbers)
@@ -237,9 +247,8 @@ def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, 
     """The camera of a ``sensor_msgs/CameraInfo``, and its distortion where images are not ``rectified``. Raises
     ValueError if it is empty, of a part of the image, or of a distortion that is not known.
     """
-    # A bag of ROS 1 has upper-case names.
-    matrix = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64).reshape(3, 3)
-    if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and info.width > 0 and info.height > 0):
+    fx, fy, cx, cy = _matrix(info)[[0, 4, 2, 5]].tolist()
+    if not (fx > 0.0 and fy > 0.0 and info.width > 0 and info.height > 0):
         raise ValueError(f"the calibration on {topic} is empty")
     region = info.roi
     if (region.width, region.height) not in ((0, 0), (info.width, info.height)):
@@ -251,9 +260,12 @@ def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, 
     if not rectified:
         coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, np.float64).tolist()
         bent = LensDistortion.of(info.distortion_model or "plumb_bob", coefficients, f"by {topic}")
-    # ROS measures the principal point from the centre of the first pixel.
-    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
-    return Intrinsics(int(info.width), int(info.height), float(fx), float(fy), float(cx), float(cy)), bent
+    return from_pixel_centres(info.width, info.height, (fx, fy, cx, cy)), bent
+
+
+def _matrix(info: Any) -> Float[np.ndarray, "9"]:
+    # A bag of ROS 1 has upper-case names.
+    return np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
 
 
 def image_folders(topic: str) -> tuple[str, ...]:

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.bag_files import readable_parts
-from anm_mj.io.bag_limits import limit_rosbags
+from anm_mj.io.rosbag import open_bag
 from anm_mj.ros.node import LATCHED, STATE, Node, Publisher
 
 _ALWAYS_LATCHED = ("tf_static", "robot_description")
@@ -25,18 +24,8 @@ def play(path: Path, node: Node, *, rate: float = 1.0, until: Callable[[], bool]
     seconds per second; ``until`` says whether to end before. Raises RunFolderError if it is no bag of ROS 2, or cannot
     be read.
     """
-    from rosbags.highlevel import AnyReader
-
-    limit_rosbags()
-    parts: list[Any] = list(readable_parts(path))
     count = 0
-    try:
-        reader = AnyReader(parts, default_typestore=node.messages.store)
-        reader.open()
-    except Exception as err:
-        # Readers raise whatever the damaged bytes lead them to.
-        raise RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).") from err
-    with closing(reader):
+    with closing(open_bag(path)) as reader:
         if not reader.is2:
             raise RunFolderError(f"{path} is a bag of ROS 1, whose messages ROS 2 does not read; convert it.")
         to = _publishers(reader, node)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.io.bag_poses import FrameTree, Track
-from anm_mj.io.ros_messages import seconds
+from anm_mj.io.ros_messages import place_and_turn, seconds
 from anm_mj.ros.health import Health
 from anm_mj.ros.names import BASE, ODOM
 from anm_mj.types import Pose2
@@ -48,7 +48,7 @@ class Poses:
     def hear_odometry(self, message: Any) -> None:
         """Take in ``nav_msgs/Odometry``."""
         pose, time_s = message.pose.pose, seconds(message.header.stamp)
-        values = _values(pose.position, pose.orientation)
+        values = place_and_turn(pose.position, pose.orientation)
         if not np.isfinite(values).all():
             raise ValueError("a pose that is not finite is left out")
         with self._news:
@@ -63,7 +63,7 @@ class Poses:
         now = time.monotonic()
         for link in message.transforms:
             parent, child = link.header.frame_id.lstrip("/"), link.child_frame_id.lstrip("/")
-            values = _values(link.transform.translation, link.transform.rotation)
+            values = place_and_turn(link.transform.translation, link.transform.rotation)
             time_s = seconds(link.header.stamp)
             with self._news:
                 if static and child in self._tree.track:
@@ -166,10 +166,6 @@ class Poses:
                 f"The frames on tf are no tree: {err}; stop one of the programs that publish them."
             ) from err
         return T
-
-
-def _values(position: Any, rotation: Any) -> Float[np.ndarray, "7"]:
-    return np.array([position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w], float)
 
 
 def _add(track: Track, time_s: float, pose: Float[np.ndarray, "7"]) -> None:
