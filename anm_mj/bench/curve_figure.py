@@ -18,13 +18,9 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     """Draw the completion ratio against steps: the mean over a variant's runs; of two, a band of one deviation.
 
     The ratio of the observable surface, where all runs know it. A run that ends early keeps its last value. Variants of
-    fewer runs than others are left out. Returns the files. Raises OSError if a file cannot be written.
-
-    Args:
-        path: The file; its ending is replaced by each kind.
-        scene: Name of the scene.
-        results: Its runs, all at one budget.
-        kinds: ``png``, ``pdf``, ``svg``.
+    fewer runs than others are left out. All ``results`` of the scene are at one budget; the ending of ``path`` is
+    replaced by each of ``kinds`` (``png``, ``pdf``, ``svg``). Returns the files. Raises OSError if a file cannot be
+    written.
     """
     variants, left_out = drawn_variants(results)
     results = [run for runs in variants.values() for run in runs]

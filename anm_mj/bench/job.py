@@ -116,10 +116,8 @@ class Job:
 
 
 def variant(row: Mapping[str, Any]) -> str:
-    """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed.
-
-    Args:
-        row: Of the results table: ``policy``, the keys of ``CONDITIONS``, and ``settings`` as one text.
+    """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed. ``row`` is one of
+    the results table: ``policy``, the keys of ``CONDITIONS``, and ``settings`` as one text.
     """
     world = REALITIES[row.get("reality") or IDEAL]
     special = [row[key] for key, usual in CONDITIONS.items() if row[key] != world.options.get(key, usual)]

@@ -32,11 +32,8 @@ any. Means of each scene's mean, with the 95 % interval of a bootstrap over scen
 
 
 def localisation_table(rows: Rows, by: str) -> str:
-    """A row for each variant whose poses may err; empty without one.
-
-    Args:
-        rows: Of the results table, with their ``variant``.
-        by: Name of the budget.
+    """A row for each variant whose poses may err; empty without one. ``rows`` are those of the results table, with
+    their ``variant``; ``by`` is the name of the budget.
     """
     rows = [{**row, OTHER_SETTINGS: _other_settings(row["settings"])} for row in rows]
     exact = [row for row in rows if row["pose"] == "true"]

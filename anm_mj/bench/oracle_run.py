@@ -33,12 +33,8 @@ def turn_of(job: Job) -> int:
 
 
 def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
-    """The configuration of an oracle's run that also begins its search from what the runs before it have found.
-
-    Args:
-        config: Of the run.
-        job: The run.
-        runs: Folder of all runs of the comparison.
+    """The configuration of an oracle's run that also begins its search from what the runs before it have found, which
+    lie in the folder ``runs`` of the comparison.
     """
     folders = []
     for path in sorted(runs.glob(f"[!.]*/{RESULT}")):
@@ -49,15 +45,8 @@ def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
 
 
 def write_bound(config: RunConfig, path: Path) -> None:
-    """Write the upper bound on what a run can cover, at the steps of a completion curve.
-
-    Args:
-        config: Of a run of the oracle.
-        path: The file.
-
-    Raises:
-        AnmError: The scene cannot be used.
-        OSError: The file cannot be written.
+    """Write the upper bound on what a run of the oracle can cover, at the steps of a completion curve. Raises AnmError
+    if the scene cannot be used, and OSError if the file cannot be written.
     """
     with make_parts(config) as parts:
         pose = parts.robot.observe().pose

@@ -27,13 +27,9 @@ SHARES = np.linspace(0.0, 1.0, 101)
 
 
 def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
-    """Draw curves and profiles of the variants that ran from about all starts of all scenes, at one budget. Returns the
-    files. Raises OSError if a file cannot be written.
-
-    Args:
-        path: The file; its ending is replaced by each kind.
-        results: The runs, cut where they have several budgets.
-        kinds: ``png``, ``pdf``, ``svg``.
+    """Draw curves and profiles of the variants that ran from about all starts of all scenes, at one budget. The ending
+    of ``path`` is replaced by each of ``kinds`` (``png``, ``pdf``, ``svg``). Returns the files. Raises OSError if a
+    file cannot be written.
     """
     figure = Figure(figsize=(11.0, 4.4), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -51,12 +51,7 @@ def read_results(comparison: Path) -> list[Result]:
 
 
 def read_result(folder: Path, of: Job | None = None) -> Result:
-    """A finished run of a comparison. Raises BenchError if a file is damaged, or is of another run.
-
-    Args:
-        folder: Where it lies.
-        of: The run that it should be; None = whichever it says.
-    """
+    """A finished run of a comparison. Raises BenchError if a file is damaged, or is of another run than ``of``."""
     manifest = folder / "manifest.json"
     with reading(folder):
         facts, metrics = read_json(folder / RESULT), read_json(folder / "metrics.json")

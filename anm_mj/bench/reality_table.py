@@ -41,10 +41,7 @@ _HEADINGS = (
 
 def reality_table(rows: Rows, by: str) -> str:
     """A row for each variant that differs from its policy's ideal runs by errors alone; empty without a real run.
-
-    Args:
-        rows: Of the results table, with their ``variant``.
-        by: Name of the budget.
+    ``rows`` are those of the results table, with their ``variant``; ``by`` is the name of the budget.
     """
     if all(row["reality"] == IDEAL for row in rows):
         return ""

@@ -54,14 +54,9 @@ else it did; all others repeat byte for byte on the same type of machine.
 
 
 def write_page(out: Path, title: str, table: str, card: str, pictures: Mapping[str, Sequence[Path]]) -> None:
-    """Write ``report.html``. Raises OSError if the file cannot be written, or a picture cannot be read.
-
-    Args:
-        out: Folder of the comparison.
-        title: Name of the comparison.
-        table: Its tables, in Markdown.
-        card: Its data card, in Markdown.
-        pictures: PNG files by the heading that they stand under; those of the empty heading come first.
+    """Write ``report.html`` in the folder of a comparison, from its tables and its data card in Markdown. ``pictures``
+    are PNG files by the heading that they stand under; those of the empty heading come first. Raises OSError if the
+    file cannot be written, or a picture cannot be read.
     """
     render = MarkdownIt("commonmark", {"html": False}).enable("table").render
     introduction, *sections = table.split("\n## ")
@@ -84,11 +79,7 @@ def _image(path: Path) -> str:
 
 def data_card(rows: Rows, title: str, command: str) -> str:
     """What the numbers of a comparison are: scenes with hashes, variants, budgets, protocol and limits, in Markdown.
-
-    Args:
-        rows: Of the results table.
-        title: Name of the comparison.
-        command: The command that made it.
+    ``rows`` are those of the results table.
     """
     scenes = []
     for name, here in split_by(rows, "scene").items():

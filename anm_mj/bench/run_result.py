@@ -204,10 +204,8 @@ def compared(variants: Mapping[str, Sequence[Result]]) -> tuple[str, ...]:
 
 
 def split_settings(text: str) -> tuple[list[str], list[str]]:
-    """Settings of the robot's body and sensors, such as its encoders' noise, and the others.
-
-    Args:
-        text: Settings as one text, as in the results table.
+    """Settings of the robot's body and sensors, such as its encoders' noise, and the others, from one text of the
+    results table.
     """
     settings = each_setting(text)
     robot = [setting for setting in settings if setting.startswith(OF_THE_ROBOT)]

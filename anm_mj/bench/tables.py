@@ -67,12 +67,9 @@ def markdown(rows: Rows, command: str, num_jobs: int | None = None) -> str:
     """Tables of means over scenes, of paired differences, and one per scene; each for every budget of the comparison.
 
     Entries of a scene are mean ± standard deviation over starts and seeds. (n/m) marks entries that only n of m runs
-    have, such as the steps to a ratio that not all runs reached.
-
-    Args:
-        rows: Of :func:`~anm_mj.bench.results_table.tidy_rows`.
-        command: The command that made them.
-        num_jobs: Runs that the comparison asks for; None = as many as there are.
+    have, such as the steps to a ratio that not all runs reached. ``rows`` are those of
+    :func:`~anm_mj.bench.results_table.tidy_rows`; ``num_jobs`` is the number of runs that the comparison asks for, None
+    = as many as there are.
     """
     count = len(split_by(rows, "run"))
     runs = f"{count} run{'s' * (count != 1)}" if num_jobs in (None, count) else f"**{count} of {num_jobs}** runs"
