@@ -151,9 +151,7 @@ def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | Non
 
 
 def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> FieldLocaliser:
-    """What finds the poses of a camera that moves freely. ``has_poses``: the poses of observations tell its motion
-    roughly.
-    """
+    """What finds the poses of a freely moving camera; ``has_poses``: observations tell its motion roughly."""
     from anm_mj.io.sequence_poses import base_pose
     from anm_mj.localisation.field_localiser import FieldLocaliser
 

@@ -107,9 +107,7 @@ class Result:
 
     @functools.cached_property
     def cuts(self) -> list[Result]:
-        """The run at each budget of its comparison; itself if there is one only. Raises BenchError if the log of its
-        steps is damaged.
-        """
+        """The run at each budget of its comparison, or itself alone. Raises BenchError if its log is damaged."""
         return [self._cut(name, steps) for name, steps in self.job.cuts] or [self]
 
     def _cut(self, name: str, steps: int) -> Result:
@@ -154,9 +152,7 @@ class _Place(Struct):
 
 @contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Say of whatever a run's files lead to which run it was. Raises BenchError if the block raised an error of
-    reading.
-    """
+    """Name the run whose files cannot be read. Raises BenchError if the block raised an error of reading."""
     try:
         yield
     except (RunFolderError, OSError, ValueError, LookupError, TypeError) as err:

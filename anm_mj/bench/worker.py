@@ -40,9 +40,7 @@ FAILED = 2
 
 
 def explore(job: Job, folder: Path) -> None:
-    """Explore as the job says and leave a run folder without its large files. Raises AnmError if the run cannot be
-    made.
-    """
+    """Explore as the job says; the run folder has no large files. Raises AnmError if the run cannot be made."""
     from anm_mj.bench.oracle_run import with_warm_start, write_bound
     from anm_mj.evaluation.fixed_views import evaluate_fixed_views
     from anm_mj.evaluation.novel_views import evaluate_novel_views

@@ -88,9 +88,7 @@ def sync(path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> StoredState:
-    """Read a checkpoint and check that it is whole. Raises CheckpointError if it is no checkpoint of this version, or
-    damaged.
-    """
+    """Read a checkpoint. Raises CheckpointError if it is none of this version, or not whole."""
     try:
         with open_regular(path) as file:
             return _read(file, os.fstat(file.fileno()).st_size)

@@ -49,9 +49,7 @@ class CheckpointStore:
         return draft
 
     def complete(self, step: int, draft: Path) -> int:
-        """Make a draft a checkpoint and remove all but the newest two; returns its size [bytes]. Raises OSError if it
-        cannot be written.
-        """
+        """Make a draft a checkpoint, remove all but the newest two; its size [bytes]. Raises OSError if it fails."""
         size = complete_draft(draft, self._path(step))
         for path in self._newest_first()[NUM_KEPT:]:
             path.unlink(missing_ok=True)

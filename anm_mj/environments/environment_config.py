@@ -108,9 +108,7 @@ class EnvironmentConfig:
 
 
 def explore_config(**options: Any) -> EnvironmentConfig:
-    """A configuration from keyword options. Raises TaskError for an unknown option, an invalid start, or a value out of
-    range.
-    """
+    """A configuration from options. Raises TaskError for an unknown one, an invalid start, or a wrong value."""
     known = [field.name for field in dataclasses.fields(EnvironmentConfig)]
     unknown = sorted(set(options) - set(known))
     if unknown:

@@ -104,9 +104,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         return dict(timestep.observation), timestep.reward, terminated, truncated, self._info()
 
     def render(self) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The robot's view, or None without a render mode. Raises gymnasium.error.ResetNeeded before the first
-        ``reset``.
-        """
+        """The robot's view; None without a render mode. Raises gymnasium.error.ResetNeeded before a ``reset``."""
         if not self._begun:
             raise gymnasium.error.ResetNeeded("There is nothing to see before the first episode; call reset() first.")
         return self._environment.task.view.rgb.copy() if self.render_mode else None

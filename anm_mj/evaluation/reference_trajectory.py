@@ -18,9 +18,7 @@ _FEWEST = 3
 
 
 def read_reference(path: Path) -> Track:
-    """Camera poses of a TUM file, in a world of their own. Raises RunFolderError if the file cannot be read, or holds
-    something else.
-    """
+    """Camera poses of a TUM file, in a world of their own. Raises RunFolderError if it cannot be read as such."""
     try:
         lines = read_table(path)
         if lines.ndim != 2 or lines.shape[1] != 8 or not np.isfinite(lines).all():

@@ -87,9 +87,7 @@ def export_colmap(run: Run, out: Path) -> list[Path]:
 
 
 def image_intrinsics(run: Run) -> Intrinsics:
-    """Intrinsics of the images that a run kept, which may be smaller than the camera's. Raises RunFolderError if the
-    run kept no images.
-    """
+    """Intrinsics of the images that a run kept, at their own size. Raises RunFolderError if it kept none."""
     first = run.folder.image(run.frames[0].step) if run.frames else run.folder.image(0)
     if not first.is_file():
         raise RunFolderError(f"{run.folder.path} keeps no colour images; explore with --keep-images.")

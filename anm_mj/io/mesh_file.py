@@ -40,9 +40,7 @@ def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
 
 
 def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices (world [m]) and faces of a mesh file. Raises RunFolderError if the file is cut short
-    or holds no mesh.
-    """
+    """Vertices (world [m]) and faces of a mesh file. Raises RunFolderError if it is cut short or holds no mesh."""
     return _read(path)[:2]
 
 

@@ -101,9 +101,7 @@ def read_run(path: Path) -> Run:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that contains an object. Raises RunFolderError if it cannot be read, or
-    contains something else.
-    """
+    """The object in a JSON file. Raises RunFolderError if it cannot be read, or contains something else."""
     try:
         value = read_file.read_json(path)
     except (OSError, ValueError) as err:

@@ -56,9 +56,7 @@ class Started:
 
 @dataclass(frozen=True)
 class Mapped:
-    """A frame of a recorded sequence was taken into the map; ``plan`` is where the policy would have gone, if it is
-    asked.
-    """
+    """A frame of a recorded sequence is in the map; ``plan`` is where the policy, if asked, would have gone."""
 
     observation: Observation
     mapper: Mapper

@@ -9,9 +9,7 @@ from anm_mj.io.run_folder import RunFolder
 
 
 def run_title(folder: RunFolder) -> str:
-    """Scene, policy and seed of a run; the folder's name where it has no manifest. Raises RunFolderError if the
-    manifest cannot be read.
-    """
+    """Scene, policy and seed of a run, or its folder's name. Raises RunFolderError for an unreadable manifest."""
     facts: dict[str, Any] = read_json(folder.manifest) if folder.manifest.is_file() else {}
     if "scene" not in facts:
         return folder.path.name

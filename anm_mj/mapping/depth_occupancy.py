@@ -293,9 +293,7 @@ class DepthOccupancy:
         return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
 
     def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Make room for voxels ``low`` to ``high`` (x, y, z, both included). Raises MapError if there would be more
-        than ``MAX_VOXELS``.
-        """
+        """Make room for voxels ``low`` to ``high`` (x, y, z, both included). Raises MapError beyond ``MAX_VOXELS``."""
         old = self.voxels
         shape = np.array(old.state.shape[::-1])
         if shape.all() and (low >= old.corner).all() and (high < old.corner + shape).all():

@@ -156,9 +156,7 @@ class KeyframeStore:
         return self._pixels[: self._start[-1]], self._cameras
 
     def set_state(self, state: tuple[np.ndarray, np.ndarray]) -> None:
-        """Take over what :meth:`get_state` gave. Raises MapError if it was not given so, or has no
-        place in this store.
-        """
+        """Take over what :meth:`get_state` gave. Raises MapError if it is something else, or has no place here."""
         pixels, cameras = state
         stored = Keyframes.of(Keyframes(pixels, self.num_pixels, cameras).arrays())
         self._fill(stored.pixels, stored.cameras)

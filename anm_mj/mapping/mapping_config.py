@@ -297,9 +297,7 @@ def quick_mapping() -> MappingConfig:
 
 
 def config_from_dict(values: dict[str, Any]) -> MappingConfig:
-    """The configuration that ``dataclasses.asdict`` made ``values`` of. Raises MapError if a field is unknown or a
-    value is out of range.
-    """
+    """The inverse of ``dataclasses.asdict``. Raises MapError for an unknown field, or a value out of range."""
     from anm_mj.utils.read_file import convert  # Settings alone should not cost the import of numpy.
 
     try:

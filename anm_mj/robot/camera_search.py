@@ -121,9 +121,7 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
 
 
 def require_field_of_view(fovy_deg: float, camera: str, path: Path) -> None:
-    """Accept a vertical field of view that a pinhole can have [deg]. Raises RobotError if it is too
-    narrow or too wide.
-    """
+    """Accept a vertical field of view that a pinhole can have [deg]. Raises RobotError for any other."""
     if not 5.0 <= fovy_deg <= 150.0:
         raise RobotError(
             f"The camera {camera} of {path} has a vertical field of view of {fovy_deg:g} degrees; it must lie within 5 "

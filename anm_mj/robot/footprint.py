@@ -38,9 +38,7 @@ def robot_footprint(
 
 
 def require_size(footprint: Footprint, path: Path) -> None:
-    """Accept a robot of the size that buildings are made for. Raises RobotError if it is too large, as in a file in
-    centimetres.
-    """
+    """Accept a robot that fits buildings. Raises RobotError if it is too large, as in a file in centimetres."""
     if footprint.radius_m > WIDEST_M or footprint.z_max_m > HIGHEST_M:
         raise RobotError(
             f"The robot {path} is {2.0 * footprint.radius_m:.3g} m across and {footprint.z_max_m:.3g} m high; MuJoCo's "

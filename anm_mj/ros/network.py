@@ -27,9 +27,7 @@ _LOCALHOST = """
 
 
 def domain_id(environment: Mapping[str, str] = os.environ) -> int:
-    """The number of the domain by ``ROS_DOMAIN_ID``, 0 without it. Raises ConfigError if it is no
-    number of a domain.
-    """
+    """The domain's number by ``ROS_DOMAIN_ID``, 0 without it. Raises ConfigError if it is none of a domain."""
     text = environment.get("ROS_DOMAIN_ID", "").strip() or "0"
     if not (text.isdecimal() and int(text) <= MOST_DOMAINS):
         raise ConfigError(f"ROS_DOMAIN_ID is '{text}'; set a whole number from 0 to {MOST_DOMAINS}.")

@@ -142,9 +142,7 @@ class Node:
         return Publisher(writer, self.messages, name)
 
     def subscribe(self, topic: str, kind: str, heard: Heard, delivery: Delivery = SENSOR) -> None:
-        """Hear the messages of a topic. ``heard`` is called with each message; ``delivery`` is what is asked of
-        publishers.
-        """
+        """Call ``heard`` with each message of a topic; ``delivery`` is what is asked of publishers."""
         self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
 
     def raw_publisher(self, dds_name: str, kind: str) -> Publisher:

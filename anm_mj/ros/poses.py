@@ -116,9 +116,7 @@ class Poses:
         return Pose2(float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0]))
 
     def camera(self, camera_frame: str, time_s: float) -> Float[np.ndarray, "4 4"] | None:
-        """``T_base_camera`` at a time; None where the frames do not say it. Raises RobotError if the frames are no
-        tree.
-        """
+        """``T_base_camera`` at a time; None where the frames do not say. Raises RobotError if they are no tree."""
         with self._news:
             return self._link(camera_frame, self.base_frame, time_s)
 

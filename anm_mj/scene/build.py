@@ -17,9 +17,7 @@ from anm_mj.utils.read_file import read_bytes
 
 
 def build_spec(scene: Scene) -> mujoco.MjSpec:
-    """The uncompiled scene; meshes of large scenes are cut into chunks. Raises SceneError if scene.xml, or a mesh to be
-    cut, cannot be read.
-    """
+    """The uncompiled scene; large ones in chunks. Raises SceneError if scene.xml or a mesh cannot be read."""
     try:
         if b"<include" in read_bytes(scene.xml):
             raise ValueError("it includes other files")

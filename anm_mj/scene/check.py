@@ -47,9 +47,7 @@ class SceneCheck:
 
 
 def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
-    """Check floor, textures, rooms and starts of a scene. Raises SceneError if the scene's geometry or a texture cannot
-    be read.
-    """
+    """Check floor, textures, rooms and starts of a scene. Raises SceneError if one of its files cannot be read."""
     vertices, faces = scene.triangles()
     triangles = vertices[faces]
     floor = find_floor(triangles)

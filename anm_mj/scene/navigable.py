@@ -191,9 +191,7 @@ def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int
 
 @functools.lru_cache(maxsize=4)
 def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
-    """Where a robot may stand in a scene; computed once per scene and footprint. Raises SceneError if there is hardly
-    such a place.
-    """
+    """Where a robot may stand in a scene; computed once for both. Raises SceneError if hardly anywhere."""
     vertices, faces = scene.triangles()
     solid_vertices, solid_faces = scene.obstacles()
     same = solid_faces is faces

@@ -8,9 +8,7 @@ from anm_mj.sequence_check.find_faults import Finding, Verdict
 
 
 def options(correction: Correction, sequence: Sequence, given: Correction) -> list[str]:
-    """The options that apply a correction, of those that differ from the given ones. ``given`` is what the command line
-    says already.
-    """
+    """The options that apply a correction, without those that the command line has ``given``."""
     words = []
     if correction.convention != given.convention:
         words.append(f"--poses {correction.convention}")

@@ -105,9 +105,7 @@ class GlCamera(Camera):
         return self._rgb[::-1].copy(), self._depth_m(self._depth[::-1])
 
     def close(self) -> None:
-        """Free the GL context; may be called again. Raises RenderError if another thread, which still runs, has
-        rendered with it.
-        """
+        """Free the GL context, if not done yet. Raises RenderError if a running thread has rendered with it."""
         if self._gl_context is not None:
             _make_current(self._gl_context)
             self._mjr_context.free()

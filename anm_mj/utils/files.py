@@ -47,9 +47,7 @@ def removed_on_error(path: Path) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, in UTF-8 and with line feeds as they are. Raises OSError if the file
-    cannot be written.
-    """
+    """Write a text file whole or not at all, in UTF-8, line feeds as they are. Raises OSError if it fails."""
     with atomic_write(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
 

@@ -58,9 +58,7 @@ def read_bytes(path: Path, max_mib: float = MAX_TEXT_MIB) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Content of a regular text file in UTF-8. Raises OSError or ValueError as :func:`read_bytes`, or if it is not
-    UTF-8.
-    """
+    """Content of a regular text file. Raises OSError or ValueError as :func:`read_bytes`, or if it is not UTF-8."""
     return read_bytes(path).decode("utf-8")
 
 

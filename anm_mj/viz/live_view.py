@@ -158,9 +158,7 @@ class LiveView:
             self._failed = True
 
     def progress(self, step: int, num_steps: int, row: Completed | None) -> None:
-        """Tell the page how far the run is. ``row`` is the newest point of the completion curve;
-        None = not measured.
-        """
+        """Tell the page how far the run is; ``row``: the newest of the completion curve, None = not measured."""
         completed = "" if row is None else "{:.1f} % of {}".format(*headline(row))
         self._server.say("progress", {"step": step, "num_steps": num_steps, "completed": completed})
         if row is not None and (not self._curve or row.step != self._curve[-1][0]):

@@ -134,6 +134,4 @@ class MapperBackend(ABC):
 
     @abstractmethod
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_state` gave. Raises MapError if a name is missing or a shape differs from the
-        configuration's.
-        """
+        """Take over what :meth:`get_state` gave. Raises MapError if a name is missing or a shape differs."""

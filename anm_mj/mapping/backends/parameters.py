@@ -55,9 +55,7 @@ def parameter_shapes(config: FieldConfig) -> dict[str, tuple[int, ...]]:
 
 
 def check_shapes(arrays: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Say so if an array is missing, or has another shape. Raises MapError with the name of the first that does not
-    fit.
-    """
+    """Raises MapError with the name of the first array that is missing, or has another shape."""
     for name, shape in shapes.items():
         if name not in arrays:
             raise MapError(f"The map's state lacks {name!r}; it has {sorted(arrays)}.")

@@ -62,9 +62,7 @@ class Upen(ScanPolicy):
     REBUILT = ("_ensemble",)
 
     def __init__(self, context: PolicyContext[UpenConfig]):
-        """Load the networks and start with an empty grid. Raises PlanError if the weights are missing or of another
-        shape.
-        """
+        """Load the networks; the grid is empty. Raises PlanError if weights are missing or of another shape."""
         self.config = context.settings
         self._ensemble = load_ensemble(WEIGHTS)
         self._rng = np.random.default_rng([context.seed, 3])

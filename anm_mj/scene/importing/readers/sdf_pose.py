@@ -23,9 +23,7 @@ Transform = Float64[np.ndarray, "4 4"]
 
 
 def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
-    """The numbers in an element, or a default where there is none. Raises SceneError if it holds something else, or too
-    few of them.
-    """
+    """The numbers in an element; ``default`` where there is none. Raises SceneError for text, or too few."""
     text = "" if element is None else (element.text or "").strip()
     if element is None or not text:
         return default

@@ -40,9 +40,7 @@ class MeshNeighbours(FilePathResolver):
         """Whether a file was asked for that is nowhere, or a picture that cannot be decoded."""
 
     def get(self, name: str) -> bytes:
-        """Bytes of a named file. Raises OSError if it is nowhere, or cannot be read, and ValueError if it is larger
-        than mesh files may be.
-        """
+        """Bytes of a named file. Raises OSError if it cannot be read, and ValueError if it is too large."""
         whole = find_texture(name, self._folder)
         # A line of an OBJ file may name several material files.
         paths = [find_texture(word, self._folder) for word in name.split()] if whole is None else [whole]
