@@ -41,7 +41,7 @@ from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
-from anm_mj.sequence_check.frame_fit import FrameFit, as_line, fit_metrics, frame_fit, misfits, say_misfits
+from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, frame_fit, misfits, say_misfits
 from anm_mj.sequence_check.report import facts
 from anm_mj.types import Footprint, Observation
 from anm_mj.utils.files import atomic_write
@@ -157,7 +157,7 @@ def map_sequence(
             with watch.stage("map"):
                 update = integrate(observation, estimate, tracker, neural_map)
             state.last = observation
-            log.observation(observation, estimate=estimate, fit=as_line(fits[-1]))
+            log.observation(observation, estimate=estimate, fit=asdict(fits[-1]))
             records.append(_record(observation, estimate))
             is_lost = records[-1].is_lost
             # A trajectory in this format is of the poses that are known.

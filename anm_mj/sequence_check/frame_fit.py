@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,8 +148,3 @@ def _looks_like(wrong: Sequence[int], fits: Sequence[FrameFit]) -> str:
     if len(alone) == len(wrong):
         return "Their poses are single outliers."
     return "A run of them looks like a jump of the poses that stays."
-
-
-def as_line(fit: FrameFit) -> dict[str, Any]:
-    """For ``frames.jsonl``."""
-    return asdict(fit)
