@@ -72,4 +72,4 @@ def see(world, x, y, safe_m=0.22):
     topdown = topdown_map(
         TopDownMapper(config, Footprint(0.18, 0.05, 1.35)), world.occupancy, world.sdf, Pose2(x, y, 0.0)
     )
-    return voronoi_graph(topdown, np.array([x, y]), config, safe_m), topdown
+    return voronoi_graph(topdown, np.array([x, y], float), config, safe_m), topdown
