@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
+from anm_mj.localisation.fit_history import FitHistory
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages, coarse_gray_at, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
@@ -44,10 +44,10 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
+_Place = tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "k k"]]
+"""Pose of a camera, and its covariance by the directions of motion."""
 _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
-_USUAL_FRAMES = 20
-"""So many frames say what a registration usually costs."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
 
@@ -105,10 +105,7 @@ class FieldLocaliser:
         self._pace = TrainingPace(config.tracking)
         self._misfits = 0
         """Frames in a row that did not fit."""
-        self._costs: list[float] = []
-        """A point's, of the registrations of the last frames that fitted."""
-        self._scores: list[float] = []
-        """How well these frames fitted."""
+        self._history = FitHistory()
         self._motion_noise = MotionNoise(config.motion)
         self._scale = self._motion_noise.scale
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
@@ -122,6 +119,8 @@ class FieldLocaliser:
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
+        self._far: _Place | None = None
+        """Of the last frame, where only its distance from the prior spoke against it."""
         self._covariance = np.eye(self._basis.shape[1]) * _FIRST_DEVIATION**2
 
     @property
@@ -133,6 +132,7 @@ class FieldLocaliser:
         """Estimate the pose of the next frame; see the protocol."""
         self._num_frames += 1
         self._compared = None
+        far, self._far = self._far, None
         if self._T_camera_base is None:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
@@ -156,21 +156,30 @@ class FieldLocaliser:
         align, known = self._map.backend.align, self._known
         start = None if extra is None else rotation_search(prior, extra, settings)
         found = register(points, prior, align, known, settings, extra, start)
-        if may_be_wrong(prior, found, self._costs, self.config.registration):
+        if may_be_wrong(prior, found, self._history.costs, settings):
             found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
+        confirmed = False
+        if far is not None and is_jump(prior, found, settings):
+            # Perhaps it was odometry that jumped, and two frames in a row say so.
+            follows = self._prior(observation, far)
+            again = register(points, follows, align, known, settings, extra, found.T_world_camera)
+            confirmed = not is_jump(follows, again, settings)
+            prior, found = (follows, again) if confirmed else (prior, found)
         fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
-        misfit |= is_jump(prior, found, self.config.registration)
         misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
         score = frame_score(fits, found, self.config.relocalisation)
         # After a push a frame may fit where the camera is not.
-        misfit |= self._misfits >= tracking.doubt_frames and score < self.config.relocalisation.least(self._usual_score)
+        doubtful = confirmed or self._misfits >= tracking.doubt_frames
+        misfit |= doubtful and score < self.config.relocalisation.least(self._history.recent_score)
+        if is_jump(prior, found, settings):
+            self._far = None if misfit else (found.T_world_camera, found.covariance)
+            misfit = True
         if misfit or found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=misfit)
         self._misfits = 0
-        self._costs = [*self._costs, found.mean_cost][-_USUAL_FRAMES:]
-        self._scores = [*self._scores, score][-_USUAL_FRAMES:]
+        self._history.add(found.mean_cost, score)
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
@@ -249,9 +258,8 @@ class FieldLocaliser:
         by_depth = neural_map.occupancy.by_depth
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
         tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
-        believed = finder.look(
-            points, tilts, self._basis, neural_map.backend.align, self._known, by_depth, self._usual_score
-        )
+        align, usual = neural_map.backend.align, self._history.usual_score
+        believed = finder.look(points, tilts, self._basis, align, self._known, by_depth, usual)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
         finder.restart()
@@ -264,15 +272,16 @@ class FieldLocaliser:
         self._is_chained = False
         return replace(found, relocalised=True)
 
-    def _prior(self, observation: Observation) -> Prior:
+    def _prior(self, observation: Observation, before: _Place | None = None) -> Prior:
+        """Of the next frame, from the last one's place, or another that it may have had."""
         if self._T_world_camera is None:
             return Prior(observation.T_world_camera, self._covariance, self._basis)
         self._scale = self._motion_noise.scale
-        before = self._T_world_camera, self._covariance, self._basis
+        before = before or (self._T_world_camera, self._covariance)
         if self._odometry and self._T_odometry is not None:
             T_now = observation.T_world_camera
-            return moved_by_odometry(*before, self._T_odometry, T_now, self.config.motion, self._scale)
-        return moved_at_constant_velocity(*before, self._T_last_now, self.config.motion, self._scale)
+            return moved_by_odometry(*before, self._basis, self._T_odometry, T_now, self.config.motion, self._scale)
+        return moved_at_constant_velocity(*before, self._basis, self._T_last_now, self.config.motion, self._scale)
 
     def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
         return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))
@@ -299,11 +308,6 @@ class FieldLocaliser:
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
-
-    @property
-    def _usual_score(self) -> float:
-        """What frames scored of late; NaN before any did."""
-        return statistics.median(self._scores) if self._scores else math.nan
 
     def _is_sure(self) -> bool:
         position, rotation = largest_deviations(self._basis @ self._covariance @ self._basis.T)

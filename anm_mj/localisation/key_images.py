@@ -291,6 +291,11 @@ class FrameToImages:
         return len(self.points)
 
     @property
+    def has_gray(self) -> bool:
+        """Whether grey values are compared, too."""
+        return self._kept.config.gray_deviation > 0.0
+
+    @property
     def num_images(self) -> int:
         """Images that the points are compared with."""
         return len(self._images)

@@ -21,7 +21,7 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Pixels of a frame that are registered."""
     range_m: float = 8.0
     """Pixels farther away are left out [m]."""
-    iterations: int = setting(12, at_most=1000)
+    iterations: int = setting(30, at_most=1000)
     """Most steps of Gauss-Newton."""
     shrink_iterations: int = setting(4, at_least=0)
     """Steps over which the kernel on distances shrinks."""

@@ -45,7 +45,7 @@ def moved_by_odometry(
     floor_m, floor_rad = config.odometry_floor
     translation = a3 * distance**2 + a4 * angle**2 + floor_m**2
     rotation = a1 * angle**2 + a2 * distance**2 + floor_rad**2
-    return Prior(T, _carried(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation), basis)
+    return _moved(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation)
 
 
 def moved_at_constant_velocity(
@@ -71,7 +71,7 @@ def moved_at_constant_velocity(
     angle = float(np.linalg.norm(rotation_vector(T_last_now[:3, :3])))
     translation = config.free_translation_m**2 + (config.free_share * distance) ** 2
     rotation = config.free_rotation_rad**2 + (config.free_share * angle) ** 2
-    return Prior(T, _carried(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation), basis)
+    return _moved(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation)
 
 
 class MotionNoise:
@@ -93,25 +93,28 @@ class MotionNoise:
 
     def add(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"], scale: float) -> None:
         """Take in what a frame's pose says of its prior, which was made with a scale."""
+        if prior.motion_covariance is None:
+            return
         offset = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
-        usual = (
-            len(offset) * (1.0 - 2.0 / (9.0 * len(offset))) ** 3
-        )  # Median of chi-square (Wilson and Hilferty, 1931).
-        square = scale**2 * float(offset @ np.linalg.solve(prior.covariance, offset)) / usual
+        # Median of chi-square (Wilson and Hilferty, 1931).
+        usual = len(offset) * (1.0 - 2.0 / (9.0 * len(offset))) ** 3
+        # Not by the whole covariance of the prior: it holds that of the pose before, which is stated with caution and
+        # would hide the noise of motions that are no longer than it.
+        square = scale**2 * float(offset @ np.linalg.solve(prior.motion_covariance, offset)) / usual
         self._squares = [*self._squares, square][-self._config.learn_frames :]
 
 
-def _carried(
+def _moved(
     covariance: Float64[np.ndarray, "k k"],
     basis: Float64[np.ndarray, "6 k"],
     T_before: Float[np.ndarray, "4 4"],
     T_now: Float[np.ndarray, "4 4"],
     translation_m2: float,
     rotation_rad2: float,
-) -> Float64[np.ndarray, "k k"]:
-    """Covariance after a motion: an error of the heading turns the way that follows."""
+) -> Prior:
+    """Prior after a motion: an error of the heading turns the way that follows."""
     transition = np.eye(6)
     transition[:3, 3:] = -skew(T_now[:3, 3] - T_before[:3, 3])
     transition = basis.T @ transition @ basis
-    added = np.diag([translation_m2] * 3 + [rotation_rad2] * 3)
-    return transition @ covariance @ transition.T + basis.T @ added @ basis
+    motion = basis.T @ np.diag([translation_m2] * 3 + [rotation_rad2] * 3) @ basis
+    return Prior(T_now, transition @ covariance @ transition.T + motion, basis, motion)

@@ -55,6 +55,11 @@ class Extra(Protocol):
         """Points that are compared."""
         ...
 
+    @property
+    def has_gray(self) -> bool:
+        """Whether grey values are compared, too."""
+        ...
+
     def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
         """Sums over these points at a pose, with a width of the kernel in standard deviations.
 
@@ -94,6 +99,8 @@ class Prior:
     """By the directions in ``basis``."""
     basis: Float64[np.ndarray, "6 k"]
     """Directions of motion, by displacement [m], then rotation vector [rad] in the world; others are certain."""
+    motion_covariance: Float64[np.ndarray, "k k"] | None = None
+    """The part of the covariance that the last motion brought; None where there was none."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +234,8 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
     def looks(offset: Float[np.ndarray, " k"]) -> tuple[float, float]:
         """Cost of an offset, and the points that take part."""
         sums = few(moved_camera(prior.T_world_camera, prior.basis @ offset), config.first_kernel, True)
-        mean = sums.cost / max(sums.num_points, 1.0) + sums.mean_gray_cost
+        # Off the right place depth says more about the displacement than about the rotation, and leads astray.
+        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
         return config.information * len(extra) * mean + float(offset @ information @ offset), sums.num_points
 
     best = np.zeros(len(prior.covariance))

@@ -140,6 +140,24 @@ def test_a_map_that_stands_still_adds_no_doubt_with_every_frame(
     assert stated[20:].max() < 1.5 * stated[3:8].max()
 
 
+@pytest.mark.parametrize("slipped", [0.0, math.radians(8.0)])
+def test_an_odometry_that_errs_once_by_far_is_overruled_by_two_frames(
+    tiny_config: MappingConfig, room: Room, slipped: float
+) -> None:
+    frames = walk(room, 20)
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=True, odometry=True)
+    track(localiser, neural_map, frames[:14])
+    # From now on odometry is off by one slip.
+    after = [with_pose(f, f.pose.x_m, f.pose.y_m, f.pose.yaw_rad - slipped) for f in frames[14:]]
+    estimates = track(localiser, neural_map, after)
+    # The first frame may have ended in a false minimum; then it takes a third.
+    assert all(estimate.usable for estimate in estimates[0 if slipped == 0.0 else 2 :])
+    assert estimates[0].usable == (slipped == 0.0)
+    _, turned = offsets(estimates[2:], frames[16:])
+    assert turned.max() < math.radians(1.5)
+
+
 @pytest.mark.parametrize("num_images", [CONFIG.key_images.num_images, 0])
 def test_a_kidnapped_camera_is_noticed_and_found(
     tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room, num_images: int

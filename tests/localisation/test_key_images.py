@@ -73,6 +73,20 @@ def test_a_vague_turn_is_rotation_search(room: Room, images: KeyImages) -> None:
         np.testing.assert_array_equal(rotation_search(sure, extra, RegistrationConfig()), T)
 
 
+def test_a_wrong_displacement_leads_no_rotation_astray(room: Room) -> None:
+    frame = room.observe(0.8, 1.5, 0.5, size=128)
+    images = KeyImages(CONFIG)
+    images.add(room.observe(0.8, 1.5, 0.35, size=128), 0.0)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(key_image(frame, CONFIG.longest_px), points)
+    extra = FrameToImages(images, images.images[:1], points, gray, 0.0, 1.0)
+    for aside in (-0.05, 0.05):
+        T = moved_camera(frame.T_world_camera, np.array([0.05, aside, 0.0, 0.0, 0.0, 0.04]))
+        start = rotation_search(Prior(T, np.diag([0.01, 0.01, 0.04]) ** 2, PLANAR), extra, RegistrationConfig())
+        # By its depths it would be twice as far off.
+        assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.03
+
+
 def test_a_rotation_that_shows_nothing_alike_is_not_found(room: Room, images: KeyImages) -> None:
     frame = room.observe(1.5, 1.5, 0.0, size=128)
     points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))

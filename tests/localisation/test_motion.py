@@ -10,14 +10,15 @@ from anm_mj.localisation.se3 import moved_camera
 FRAMES = 200
 
 
-def learnt(factor: float) -> float:
-    """The scale after motions whose errors are ``factor`` times those expected."""
+def learnt(factor: float, doubt: float = 0.0) -> float:
+    """The scale after motions whose errors are ``factor`` times those expected, from poses with a variance."""
     rng = np.random.default_rng(0)
     noise = MotionNoise(MotionConfig(learn_frames=FRAMES))
     covariance = np.diag([1e-4, 4e-4, 1e-4])
     for _ in range(FRAMES):
         scale = noise.scale
-        prior = Prior(np.eye(4), scale**2 * covariance, PLANAR)
+        motion = scale**2 * covariance
+        prior = Prior(np.eye(4), motion + doubt * np.eye(3), PLANAR, motion)
         error = factor * np.linalg.cholesky(covariance) @ rng.standard_normal(3)
         noise.add(prior, moved_camera(prior.T_world_camera, PLANAR @ error), scale)
     return noise.scale
@@ -31,3 +32,7 @@ def test_noise_is_believed_as_it_says_where_it_is_right_or_too_large() -> None:
 
 def test_larger_noise_is_learnt() -> None:
     assert 4.0 < learnt(5.0) < 6.0
+
+
+def test_a_pose_stated_with_caution_does_not_hide_the_noise_of_motions() -> None:
+    assert 4.0 < learnt(5.0, doubt=0.01) < 6.0
