@@ -304,7 +304,7 @@ class FieldLocaliser:
             self._state = TrackingState.LOST
             self._relocaliser.restart()
             # Perhaps only the frames were bad.
-            self._relocaliser.hypotheses = [Hypothesis(prior.T_world_camera)]
+            self._relocaliser.hypotheses = [Hypothesis(prior.T_world_camera, expected=True)]
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)

@@ -243,8 +243,10 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     """A frame of whose points the map knows a smaller share counts for less."""
     least_score: float = setting(0.7, at_most=1.0)
     """A place is believed whose mean score over frames is at least this, in [0, 1],"""
-    usual_share: float = setting(0.85, at_most=1.0)
+    usual_share: float = setting(0.9, at_most=1.0)
     """or this share of what frames scored while the camera was tracked,"""
+    expected_share: float = setting(0.8, at_most=1.0)
+    """(and where it would be, had it not been lost, this share of either: before unknown space frames score less)"""
     least_lead: float = setting(0.2, at_least=0.0)
     """leads every other by at least this over the root of the frames that both were compared with,"""
     frames: int = setting(4, at_most=1000)

@@ -26,6 +26,8 @@ class Hypothesis:
     """Sum over frames of how well each fits, each in [0, 1]."""
     num_frames: int = 0
     found: Registration | None = None
+    expected: bool = False
+    """Whether it is where the camera would be, had it not been lost."""
 
     @property
     def mean(self) -> float:
@@ -59,7 +61,8 @@ def believable(
     if not hypotheses:
         return None
     best, *others = sorted(hypotheses, key=lambda each: -each.sobered)
-    if best.num_frames < config.frames or best.mean < config.least(usual_score):
+    least = config.least(usual_score) * (config.expected_share if best.expected else 1.0)
+    if best.num_frames < config.frames or best.mean < least:
         return None
     leads = (
         (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)

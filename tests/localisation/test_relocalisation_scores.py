@@ -38,3 +38,17 @@ def test_a_place_is_believed_when_no_other_is_nearly_as_good() -> None:
     assert believable([best, place(5.0, 0.88, 6)], CONFIG) is None
     assert believable([place(0.0, 0.9, CONFIG.frames - 1)], CONFIG) is None
     assert believable([], CONFIG) is None
+
+
+def test_the_place_where_odometry_puts_the_camera_needs_less() -> None:
+    usual, score = 0.7, 0.55
+    assert believable([place(0.0, score, 12)], CONFIG, usual) is None
+    expected = place(0.0, score, 12)
+    expected.expected = True
+    assert believable([expected], CONFIG, usual) is expected
+    # Not where the map contradicts it, or another place fits better.
+    elsewhere = place(5.0, 0.6, 12)
+    assert believable([expected, elsewhere], CONFIG, usual) is None
+    poor = place(0.0, 0.45, 12)
+    poor.expected = True
+    assert believable([poor], CONFIG, usual) is None
