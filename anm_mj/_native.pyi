@@ -207,7 +207,12 @@ def frame_to_frames(
     settings: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 def shares_in(
-    points: _Floats, images: list[_KeyImage], T: NDArray[np.float64], nearness: float, most_scale: float
+    points: _Floats,
+    images: list[_KeyImage],
+    T: NDArray[np.float64],
+    nearness: float,
+    slack_m: float,
+    most_scale: float,
 ) -> list[float]: ...
 def near_occupied(
     state: NDArray[np.int8],

@@ -124,7 +124,8 @@ nb::tuple frame_to_frames(In points, InFlat gray, InFlat variance, InFlat trust,
 }
 
 // Share of a frame's points that each earlier one shows too, not hidden, at a scale that differs by less than a factor.
-std::vector<double> shares_in(In points, const std::vector<Image>& images, DoublesIn T, double nearness, double most_scale) {
+std::vector<double> shares_in(In points, const std::vector<Image>& images, DoublesIn T, double nearness, double slack_m,
+                              double most_scale) {
     require(points.shape(1) == 3, "points have three coordinates");
     std::vector<double> shares;
     for (const auto& [depth, image_gray, camera, pose, stencil] : images) {
@@ -141,7 +142,7 @@ std::vector<double> shares_in(In points, const std::vector<Image>& images, Doubl
             const double col = camera(0) * p[0] / p[2] + camera(2), row = camera(1) * p[1] / p[2] + camera(3);
             if (!(col >= 0.0 && row >= 0.0 && col < width && row < height)) continue;
             const float seen = anm::from_half(depth(static_cast<std::size_t>(row), static_cast<std::size_t>(col)));
-            count += std::abs(std::abs(static_cast<double>(seen)) - p[2]) < nearness * p[2];
+            count += std::abs(std::abs(static_cast<double>(seen)) - p[2]) < nearness * p[2] + slack_m;
         }
         shares.push_back(static_cast<double>(count) / static_cast<double>(points.shape(0) > 0 ? points.shape(0) : 1));
     }
@@ -196,7 +197,7 @@ Out smoothed_depth(In depth, int radius, double noise, double spread_share) {
 void bind_localisation(nb::module_& m) {
     m.def("frame_to_frames", &frame_to_frames, "points"_a, "gray"_a, "variance"_a, "trust"_a, "images"_a, "T"_a,
           "depth_share"_a, "settings"_a);
-    m.def("shares_in", &shares_in, "points"_a, "images"_a, "T"_a, "nearness"_a, "most_scale"_a);
+    m.def("shares_in", &shares_in, "points"_a, "images"_a, "T"_a, "nearness"_a, "slack_m"_a, "most_scale"_a);
     m.def("near_occupied", &near_occupied, "state"_a, "corner"_a, "voxel_m"_a, "points"_a, "reach"_a, "out"_a);
     m.def("agreement", &agreement, "state"_a, "log_odds"_a, "corner"_a, "voxel_m"_a, "points"_a, "origin"_a, "reach"_a,
           "shares"_a, "margin"_a, "out"_a);

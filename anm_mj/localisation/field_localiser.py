@@ -15,7 +15,8 @@ from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.fit_history import FitHistory
 from anm_mj.localisation.frame_points import draw_points, without_moved
-from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages, coarse_gray_at, key_image
+from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
+from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
@@ -151,7 +152,7 @@ class FieldLocaliser:
         if lost:
             return self._look_for(observation, prior, points)
         image = key_image(observation, self.config.key_images.longest_px, noise)
-        compared = self._compared = self._compare(static_view, image, points, prior.T_world_camera, rng)
+        compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
         align, known = self._map.backend.align, self._known
         start = None if extra is None else rotation_search(prior, extra, settings)
@@ -211,7 +212,8 @@ class FieldLocaliser:
         if compared is None:
             rng, settings = np.random.default_rng([self._seed, 22]), self.config.registration
             points = draw_points(observation, settings.num_points, self._noise_per_m, settings.range_m, rng)
-            compared = self._compare(observation, self._key_images.images[-1], points, T, rng)
+            known = Prior(T, np.zeros_like(self._covariance), self._basis)
+            compared = self._compare(observation, self._key_images.images[-1], points, known, rng)
             assert compared is not None
         # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
         deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
@@ -234,13 +236,14 @@ class FieldLocaliser:
         static_view: Observation,
         image: KeyImage,
         points: FramePoints,
-        T_world_camera: Float[np.ndarray, "4 4"],
+        prior: Prior,
         rng: np.random.Generator,
     ) -> FrameToImages | None:
         """Compares a frame with earlier ones that overlap it; None where no image is needed."""
         config = self.config.key_images
-        images = self._key_images.overlapping(points, T_world_camera) if config.num_images else []
-        self._key_images.refer_to(images, T_world_camera)
+        T, slack_m = prior.T_world_camera, prior.deviations[0]
+        images = self._key_images.overlapping(points, T, slack_m) if config.num_images else []
+        self._key_images.refer_to(images, T)
         if not images and not self.config.graph.is_on:
             return None
         noise = self._noise_per_m
@@ -252,13 +255,12 @@ class FieldLocaliser:
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""
-        neural_map, finder = self._map, self._relocaliser
+        finder, by_depth = self._relocaliser, self._map.occupancy.by_depth
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
-        by_depth = neural_map.occupancy.by_depth
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
         tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
-        align, usual = neural_map.backend.align, self._history.usual_score
+        align, usual = self._map.backend.align, self._history.usual_score
         believed = finder.look(points, tilts, self._basis, align, self._known, by_depth, usual)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)

@@ -31,7 +31,7 @@ _RADIUS_PX = 2
 """Depth of others is averaged over squares that reach so far."""
 _PLANE_SPREAD = 0.05
 """Inverse depth that spreads by a larger share of itself over such a square is an edge."""
-_COARSE = 4
+COARSE = 4
 """Side of the squares whose grey values are averaged [px]."""
 _OVERLAP_STEP = 8
 """Of so many points one is looked for in other images, to say how much they show of them."""
@@ -118,8 +118,8 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
 
 def coarse_gray(gray: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h4 w4"]:
     """Means over squares; what is left over at the right and below is left out."""
-    rows, cols = gray.shape[0] // _COARSE, gray.shape[1] // _COARSE
-    squares = gray[: rows * _COARSE, : cols * _COARSE].reshape(rows, _COARSE, cols, _COARSE)
+    rows, cols = gray.shape[0] // COARSE, gray.shape[1] // COARSE
+    squares = gray[: rows * COARSE, : cols * COARSE].reshape(rows, COARSE, cols, COARSE)
     return np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
 
 
@@ -170,13 +170,18 @@ class KeyImages:
             # The later one of the two, as the earlier has drifted less; never the last, which the next frame resembles.
             del self.images[1 + int(np.argmin((apart + turned)[:-1]))]
 
-    def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
-        """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most."""
+    def overlapping(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], slack_m: float = 0.0
+    ) -> list[KeyImage]:
+        """The oldest images that show enough of a frame, as they drifted least, and the latest that shows most.
+
+        ``slack_m`` is by how far the pose may be off [m]: near a wall that is a large share of the depth.
+        """
         config = self.config
         near = [self.images[k] for k in self._near(T_world_camera)]
         late = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
         early = near[:_MOST_TRIED] if config.num_images > 1 else []
-        share = _shares_in([*early, *late], points, T_world_camera)
+        share = _shares_in([*early, *late], points, T_world_camera, slack_m)
         enough = (k for k in range(len(early)) if share[k] >= config.least_overlap)
         chosen = [early[k] for k in itertools.islice(enough, max(0, config.num_images - 1))]
         if late:
@@ -243,7 +248,7 @@ class KeyImages:
                 config.edge_share,
                 config.gray_deviation,
                 config.gray_kernel,
-                1.0 / _COARSE if coarse else 1.0,
+                1.0 / COARSE if coarse else 1.0,
                 noise_per_m if math.isfinite(noise_per_m) else 0.0,
             ]
         )
@@ -261,95 +266,13 @@ class KeyImages:
         return Sums(hessian, gradient, cost, num_points, gray_cost)
 
 
-class FrameToImages:
-    """Compares points of a frame with some images; implements :class:`~.registration.Extra`."""
-
-    def __init__(
-        self,
-        kept: KeyImages,
-        images: list[KeyImage],
-        points: FramePoints,
-        coarse_gray: Float32[np.ndarray, " n"],
-        noise_per_m: float,
-        depth_share: float,
-    ) -> None:
-        """Of the images that are given.
-
-        Args:
-            kept: Compares points with an image.
-            images: Those that they are compared with.
-            points: Of the frame.
-            coarse_gray: Their grey values as of :func:`coarse_gray_at`.
-            noise_per_m: Of the depth.
-            depth_share: What depth counts beside grey values. Depth errs by what many pixels share (bias, steps of
-                disparity), so that more of them tell no more.
-        """
-        self._kept, self._images, self.points, self._noise_per_m = kept, images, points, noise_per_m
-        self._gray, self._coarse_gray, self._depth_share = gray_values(points.rgb), coarse_gray, depth_share
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @property
-    def has_gray(self) -> bool:
-        """Whether grey values are compared, too."""
-        return self._kept.config.gray_deviation > 0.0
-
-    @property
-    def num_images(self) -> int:
-        """Images that the points are compared with."""
-        return len(self._images)
-
-    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
-        """Sums over the points and images at a pose."""
-        return self._kept.equations(
-            self._images,
-            self.points,
-            T_world_camera,
-            self._noise_per_m,
-            kernel,
-            self._coarse_gray if coarse else self._gray,
-            coarse=coarse,
-            depth_share=self._depth_share,
-        )
-
-    def against(self, image: KeyImage) -> FrameToImages:
-        """The same points, compared with another image alone."""
-        return self._some([image], 1)
-
-    def every(self, step: int) -> FrameToImages:
-        """The same of each ``step``-th point."""
-        return self._some(self._images, step)
-
-    def subsample(self, num_points: int) -> FrameToImages:
-        """The same of about so many points, with the last image alone: the latest, or the best of the latest."""
-        return self._some(self._images[-1:], max(1, len(self) // num_points))
-
-    def _some(self, images: list[KeyImage], step: int) -> FrameToImages:
-        gray = np.ascontiguousarray(self._coarse_gray[::step])
-        points = self.points.every(step)
-        return FrameToImages(self._kept, images, points, gray, self._noise_per_m, self._depth_share)
-
-
-def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, " n"]:
-    """Coarse grey values of a frame's points in its own image, in [0, 1]."""
-    fx, fy, cx, cy = image.camera
-    depth = points.camera_m[:, 2]
-    if not image.coarse.size:
-        return np.zeros(len(points), np.float32)
-    # The first pixel's centre is at 0.
-    col = (fx * points.camera_m[:, 0] / depth + cx) / _COARSE - 0.5
-    row = (fy * points.camera_m[:, 1] / depth + cy) / _COARSE - 0.5
-    values = ndimage.map_coordinates(image.coarse.astype(np.float32), (row, col), order=1, mode="nearest")
-    return values / np.float32(255.0)
-
-
 def _shares_in(
-    images: Sequence[KeyImage], points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]
+    images: Sequence[KeyImage], points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], slack_m: float = 0.0
 ) -> list[float]:
     """Share of a frame's points that each image shows too, not hidden, and at a like scale.
 
     A pattern that repeats, seen from much farther away, blurs into another one, which draws to a wrong place.
     """
     some = np.ascontiguousarray(points.camera_m[::_OVERLAP_STEP])
-    return _native.shares_in(some, [image.arrays() for image in images], T_world_camera, _NEARNESS, _MOST_SCALE)
+    arrays = [image.arrays() for image in images]
+    return _native.shares_in(some, arrays, T_world_camera, _NEARNESS, slack_m, _MOST_SCALE)

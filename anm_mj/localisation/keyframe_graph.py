@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.key_images import FrameToImages, KeyImage, KeyImages
+from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.key_images import KeyImage, KeyImages
 from anm_mj.localisation.keyframe_edges import measured
 from anm_mj.localisation.localisation_config import GraphConfig
 from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised

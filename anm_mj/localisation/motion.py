@@ -14,6 +14,8 @@ from anm_mj.localisation.se3 import camera_motion, rotation_vector, skew
 
 _PRIOR_FRAMES = 4
 """What is expected of motions counts as much as so many frames."""
+_POSE_SHARE = 0.25
+"""Squared errors of single registrations are about this share of their stated variance."""
 
 
 def moved_by_odometry(
@@ -98,9 +100,9 @@ class MotionNoise:
         offset = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
         # Median of chi-square (Wilson and Hilferty, 1931).
         usual = len(offset) * (1.0 - 2.0 / (9.0 * len(offset))) ** 3
-        # Not by the whole covariance of the prior: it holds that of the pose before, which is stated with caution and
-        # would hide the noise of motions that are no longer than it.
-        square = scale**2 * float(offset @ np.linalg.solve(prior.motion_covariance, offset)) / usual
+        # The pose before is known better than its covariance says, which would hide the noise of short motions.
+        covariance = prior.motion_covariance + _POSE_SHARE * (prior.covariance - prior.motion_covariance)
+        square = scale**2 * float(offset @ np.linalg.solve(covariance, offset)) / usual
         self._squares = [*self._squares, square][-self._config.learn_frames :]
 
 

@@ -102,6 +102,11 @@ class Prior:
     motion_covariance: Float64[np.ndarray, "k k"] | None = None
     """The part of the covariance that the last motion brought; None where there was none."""
 
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations of the position [m] and the rotation [rad], in the direction where they are largest."""
+        return largest_deviations(self.basis @ self.covariance @ self.basis.T)
+
 
 @dataclass(frozen=True)
 class Registration:
@@ -265,7 +270,7 @@ def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], conf
         costs: A point's, of the last frames.
         config: Settings.
     """
-    position, rotation = largest_deviations(prior.basis @ prior.covariance @ prior.basis.T)
+    position, rotation = prior.deviations
     vague = position > config.retry_least_m or rotation > config.retry_least_rad
     usual = statistics.median(costs) if costs else 0.0
     dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)

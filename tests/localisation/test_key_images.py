@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import (
-    FrameToImages,
-    KeyImages,
-    coarse_gray_at,
-    gray_values,
-    key_image,
-    smoothed_depth,
-)
+from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
+from anm_mj.localisation.key_images import KeyImages, gray_values, key_image, smoothed_depth
 from anm_mj.localisation.localisation_config import KeyImageConfig, RegistrationConfig
 from anm_mj.localisation.registration import PLANAR, Prior, rotation_search
 from anm_mj.localisation.se3 import camera_motion, moved_camera
@@ -156,6 +150,15 @@ def test_the_oldest_that_shows_enough_is_chosen(room: Room, images: KeyImages) -
     assert [image.step for image in chosen] == [0, 2]
     behind = room.observe(1.5, 1.5, math.pi, size=128)
     assert [image.step for image in images.overlapping(points, behind.T_world_camera)] in ([], [20])
+
+
+def test_a_pose_that_may_be_off_counts_depths_as_near(room: Room, images: KeyImages) -> None:
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    points = draw_points(frame, 600, 0.0, 8.0, np.random.default_rng(0))
+    T = frame.T_world_camera.copy()
+    T[:2, 3] += 0.15
+    assert not images.overlapping(points, T)[:-1]
+    assert images.overlapping(points, T, slack_m=0.15)[0].step == 0
 
 
 def test_the_last_frame_is_preferred_until_it_is_forgotten(room: Room) -> None:

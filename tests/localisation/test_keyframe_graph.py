@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import FrameToImages, KeyImages, coarse_gray_at
+from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
+from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import Correction, KeyframeGraph
 from anm_mj.localisation.localisation_config import GraphConfig, KeyImageConfig
 from anm_mj.localisation.pose_graph import Edge
