@@ -26,7 +26,7 @@ def quaternion_of(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
 
 
 def set_pose(
-    element: mujoco._specs.MjsBody | mujoco._specs.MjsCamera, T_parent_element: Float[np.ndarray, "4 4"]
+    element: "mujoco._specs.MjsBody | mujoco._specs.MjsCamera", T_parent_element: Float[np.ndarray, "4 4"]
 ) -> None:
     """Put a body or a camera of a spec at a pose in its parent, in MuJoCo's axes."""
     element.pos, element.quat = T_parent_element[:3, 3], quaternion_of(T_parent_element[:3, :3])

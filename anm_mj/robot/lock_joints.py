@@ -68,7 +68,7 @@ def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
     )
 
 
-def _frame_pose(spec: mujoco.MjSpec, frame: mujoco._specs.MjsFrame | None) -> Float[np.ndarray, "4 4"]:
+def _frame_pose(spec: mujoco.MjSpec, frame: "mujoco._specs.MjsFrame | None") -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     while frame is not None:
         quat = np.array(frame.quat)

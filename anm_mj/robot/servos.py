@@ -51,7 +51,7 @@ def fit_servos(
     return tuple(names), top_radps, notes
 
 
-def make_velocity_servo(servo: mujoco._specs.MjsActuator, kv: float, top_force: float) -> None:
+def make_velocity_servo(servo: "mujoco._specs.MjsActuator", kv: float, top_force: float) -> None:
     """Make an actuator added to a joint a velocity servo, whatever the file's defaults for actuators say.
 
     ``kv`` is its gain [N s/m or N m s/rad], ``top_force`` the largest force or torque that it exerts [N or N m].
