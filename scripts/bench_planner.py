@@ -25,7 +25,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
-from anm_mj.events import Ended, Observed, Stepped
+from anm_mj.events import Ended, Observed, Observer, Stepped
 from anm_mj.explore import explore
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
@@ -180,7 +180,13 @@ def main(
 
 
 def run(
-    world: Scene, name: str, steps: int, pose: Pose2, seed: int, sensor: str | None = None
+    world: Scene,
+    name: str,
+    steps: int,
+    pose: Pose2,
+    seed: int,
+    sensor: str | None = None,
+    observers: tuple[Observer, ...] = (),
 ) -> tuple[Ended, Coverage, Timed]:
     """One run of one policy."""
     with make_robot(world, start=pose, sensor=sensor_config(sensor or "exact")) as robot:
@@ -192,7 +198,7 @@ def run(
         # With the uncertainty that guides the policy.
         config = make_config("default", [], scene=world.name, policy=name)
         mapper = OccupancyMapper() if sensor is None else NeuralMap(config.mapping, seed=seed)
-        outcome = explore(robot, mapper, timed, num_steps=steps, observers=(coverage,))
+        outcome = explore(robot, mapper, timed, num_steps=steps, observers=(coverage, *observers))
         coverage.curve.last()
         return outcome, coverage, timed
 

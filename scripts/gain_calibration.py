@@ -1,14 +1,15 @@
-"""Prints how far the gain that a policy expected came true, from finished runs: by kind of place, and by scene.
+"""Prints how far the gain that the policy gvg expected came true: by kind of place, by scene, and by all.
 
-    anm-mj bench tune.toml --out bench/tune
-    python scripts/gain_calibration.py bench/tune runs/latest
+    python scripts/gain_calibration.py runs/latest bench/tune
+    OMP_NUM_THREADS=1 python scripts/gain_calibration.py --scenes home office residence --starts 3
 
-Takes run folders and outputs of ``anm-mj bench``. The kind is the one that most was expected of. Targets that the robot
-left on the way for a better one do not count; their number stands beside those that do.
+Takes run folders and outputs of ``anm-mj bench``, and runs scenes itself, on the occupancy grid alone
+(``scripts/bench_planner.py``), which takes seconds each. The kind is the one that most was expected of. What was
+expected is the part of each target's promise that the robot then looked at; what it left on the way does not count.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,14 +18,18 @@ from msgspec import Struct
 
 from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
+from anm_mj.events import Decided
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import ManifestShape
+from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.types import TargetOutcome
 from anm_mj.utils.read_file import convert
 
 
 class _Outcome(Struct):
     kind: str
+    promised_m2: float
     expected_m2: float
     realised_m2: float
     judged: bool
@@ -36,24 +41,56 @@ class _Decision(Struct):
     closed: _Outcome | None = None
 
 
-def main(folders: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
+class _Closed:
+    """Keeps the outcomes of a run."""
+
+    def __init__(self) -> None:
+        self.outcomes: list[TargetOutcome] = []
+
+    def on_event(self, event: object) -> None:
+        """Take the target that a decision has closed."""
+        if isinstance(event, Decided) and event.plan.closed is not None:
+            self.outcomes.append(event.plan.closed)
+
+
+def main(
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
+    scenes: tuple[str, ...] = (),
+    steps: int = 300,
+    starts: int = 1,
+) -> None:
     """Sum up.
 
     Args:
         folders: Run folders, or output folders of ``anm-mj bench``.
+        scenes: Names or folders of scenes to run.
+        steps: Budget of actions of these runs.
+        starts: From how many of each scene's own starts.
     """
     outcomes = [found for folder in folders for found in _outcomes(folder)]
+    outcomes += [found for name in scenes for found in _runs(load_scene(name), steps, starts)]
     if not outcomes:
-        raise AnmError(f"No run in {', '.join(map(str, folders))} has closed a target; gvg writes what each brought.")
-    columns = "", "targets", "left on the way", "expected [m²]", "realised [m²]", "realised / expected"
+        of = ", ".join((*map(str, folders), *scenes)) or "nothing; name run folders, or scenes by --scenes"
+        raise AnmError(f"No run in {of} has closed a target; gvg writes what each brought.")
+    columns = "", "targets", "left on the way", "promised [m²]", "expected [m²]", "realised [m²]", "realised / expected"
     print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
     for title, key in (("kind", 1), ("scene", 0)):
-        groups: dict[str, list[_Outcome]] = defaultdict(list)
+        groups: dict[str, list[_Outcome | TargetOutcome]] = defaultdict(list)
         for found in outcomes:
             groups[str(found[key])].append(found[2])
         for name in sorted(groups):
             _print_row(f"{title} {name}", groups[name])
     _print_row("all", [outcome for *_, outcome in outcomes])
+
+
+def _runs(scene: Scene, steps: int, starts: int) -> Iterator[tuple[str, str, TargetOutcome]]:
+    """The same as :func:`_outcomes` of new runs from the first starts of a scene."""
+    from bench_planner import run
+
+    for pose in scene.starts[:starts]:
+        closed = _Closed()
+        run(scene, "gvg", steps, pose, 0, observers=(closed,))
+        yield from ((scene.name, outcome.kind, outcome) for outcome in closed.outcomes)
 
 
 def _outcomes(folder: Path) -> Iterator[tuple[str, str, _Outcome]]:
@@ -66,11 +103,12 @@ def _outcomes(folder: Path) -> Iterator[tuple[str, str, _Outcome]]:
                 yield scene, closed.kind, closed
 
 
-def _print_row(name: str, outcomes: list[_Outcome]) -> None:
-    judged = [outcome for outcome in outcomes if outcome.judged]
-    expected, realised = (sum(getattr(o, key) for o in judged) for key in ("expected_m2", "realised_m2"))
+def _print_row(name: str, outcomes: Sequence[_Outcome | TargetOutcome]) -> None:
+    keys = "promised_m2", "expected_m2", "realised_m2"
+    promised, expected, realised = (sum(getattr(o, key) for o in outcomes) for key in keys)
     ratio = f"{realised / expected:.2f}" if expected > 0.0 else "-"
-    print(f"| {name} | {len(judged)} | {len(outcomes) - len(judged)} | {expected:.1f} | {realised:.1f} | {ratio} |")
+    left = sum(not outcome.judged for outcome in outcomes)
+    print(f"| {name} | {len(outcomes)} | {left} | {promised:.1f} | {expected:.1f} | {realised:.1f} | {ratio} |")
 
 
 if __name__ == "__main__":

@@ -80,12 +80,14 @@ class TargetOutcome:
     xy_m: Float[np.ndarray, "2"]
     kind: str
     """The kind of place that most was expected of, in the policy's own words."""
+    promised_m2: float
+    """New surface that the policy expected of it, and of the turns to it, when it chose it [m2]."""
     expected_m2: float
-    """New surface that the policy expected of it, and of the turns to it [m2]."""
+    """The part of that which the policy expected of what the robot then looked at [m2]."""
     realised_m2: float
     """New surface that was seen between its choice and its end, on the way too [m2]."""
     judged: bool
-    """False for a target that was left on the way for a better one."""
+    """False for a target that was left on the way for a better one, while most of its view was still expected."""
 
 
 @dataclass(frozen=True)

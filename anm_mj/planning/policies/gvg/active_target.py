@@ -11,8 +11,8 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.paths import remaining_path
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
-from anm_mj.planning.policies.gvg.information_gain import ExpectedView
-from anm_mj.planning.policies.gvg.views import Viewpoint, signed_turns
+from anm_mj.planning.policies.gvg.information_gain import ExpectedView, InformationGain, PromisedRays
+from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, signed_turns, view_sectors
 from anm_mj.types import ARRIVED_M, NEAR_TARGET_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
 
 
@@ -28,6 +28,7 @@ class ActiveTarget:
         viewpoint: Viewpoint,
         *,
         expected_gain_m2: float,
+        promised: tuple[PromisedRays, PromisedRays],
         view: ExpectedView,
         seen_m2: float,
         config: GvgConfig,
@@ -38,6 +39,7 @@ class ActiveTarget:
         Args:
             viewpoint: where it is.
             expected_gain_m2: new surface that the view there, and the turns to it, are expected to show [m2].
+            promised: the rays that show it: those where the robot stood, and those at the target.
             view: what the view alone is expected to show.
             seen_m2: surface seen so far [m2].
             config: when a plan may be reused.
@@ -50,6 +52,8 @@ class ActiveTarget:
         """Where it is now."""
         self.expected_gain_m2 = expected_gain_m2
         """At its choice [m2]."""
+        self.promised = promised
+        """The rays that new surface was expected of."""
         self.view = view
         """What the view alone was expected to show at its choice."""
         self.seen_before_m2 = seen_m2
@@ -78,6 +82,21 @@ class ActiveTarget:
         """Whether the robot stands at the target and looks along its heading."""
         error = wrap_angle(self.viewpoint.heading * TURN_STEP_RAD - pose.yaw_rad)
         return math.dist(self.viewpoint.xy_m, pose.xy_m) < NEAR_TARGET_M and abs(error) < TURN_STEP_RAD
+
+    @property
+    def promised_m2(self) -> float:
+        """New surface that all of it was expected to show at its choice [m2]."""
+        return float(sum(rays.gain_m2.sum() for rays in self.promised))
+
+    def done_m2(self, gain: InformationGain, *, reached: bool) -> float:
+        """The part of what was expected of it that the robot has looked at [m2].
+
+        If the target was ``reached``, that is all of its view, and otherwise what was seen of it from elsewhere.
+        """
+        looked = np.zeros(NUM_AZIMUTHS, bool)
+        looked[(self._chosen.heading + view_sectors(self._view_side)) % NUM_AZIMUTHS] = reached
+        start, end = self.promised
+        return gain.done_m2(start) + gain.done_m2(end, looked)
 
     def needs_decision(self, pose: Pose2, seen_m2: float) -> bool:
         """Whether a full decision is due: the target reached, the plan done or old, or the surface much changed."""

@@ -43,7 +43,8 @@ class GainTracker:
         judged = target.is_reached(pose) or view.gain_m2 < standing_m2
         realised_m2 = gain.seen_m2 - target.seen_before_m2
         kind = KINDS[int(target.view.of_kind_m2.argmax())]
-        outcome = TargetOutcome(target.viewpoint.xy_m, kind, target.expected_gain_m2, realised_m2, judged)
+        promised_m2, expected_m2 = target.promised_m2, target.done_m2(gain, reached=target.is_reached(pose))
+        outcome = TargetOutcome(target.viewpoint.xy_m, kind, promised_m2, expected_m2, realised_m2, judged)
         if not judged:
             return outcome
         self.num_poor = self.num_poor + 1 if realised_m2 < self._config.poor_target_m2 else 0

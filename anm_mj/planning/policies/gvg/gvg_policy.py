@@ -231,7 +231,8 @@ class Gvg:
     def _choose(self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain) -> Plan:
         if not candidates.is_any_worth:
             return self._stop(state, candidates)
-        places, tours = self._best_tours(state, candidates, gain)
+        table, tours = self._best_tours(state, candidates, gain)
+        places = table.places
         for tour in tours[: self.config.max_tours]:
             first = tour.views[0]
             path = state.paths.path_to(int(places.vertex[first.place])) if first.place else np.zeros((0, 2))
@@ -245,19 +246,19 @@ class Gvg:
                 return self._stop(state, candidates, stagnating=residual)
             if len(path):
                 path = quantize_headings(path, state.topdown, state.paths.safe_m, state.pose)
-            return self._go(state, tour, path, places.xy_m[first.place], _first_views(places, tours), gain)
+            return self._go(state, tour, path, table, _first_views(places, tours), gain)
         return self._stop(state, candidates)
 
     def _best_tours(
         self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain
-    ) -> tuple[Places, list[Tour]]:
-        """The best tours, best first, and the places that their views refer to."""
+    ) -> tuple[TransitionTable, list[Tour]]:
+        """The best tours, best first, and the table of the places that their views refer to."""
         costs, shared = TravelCosts(state.paths), self._stages.config
         weighs_certainty = shared.uncertainty_aware and shared.unbound_step_cost > 0.0 and self._is_estimated
         heading = sector_of(state.pose.yaw_rad)
         limits = {"depth": self.config.tour_depth, "width": self.config.tour_width}
 
-        def search(discount_steps: float) -> tuple[Places, list[Tour], float]:
+        def search(discount_steps: float) -> tuple[TransitionTable, list[Tour], float]:
             """The same for one discount, and the value of the best tour's start times its gain per step [m2]."""
             short = candidates.shortlist(discount_steps)
             places = Places(candidates.xy_m[short], candidates.vertex[short], *gain.ray_gains(candidates.xy_m[short]))
@@ -267,35 +268,39 @@ class Gvg:
             more = None if unbound is None else shared.unbound_step_cost * unbound
             table = TransitionTable(places, costs, gain.view_side, more)
             tours = best_tours(table, heading, discount_steps=discount_steps, preference=preference, **limits)
-            return places, tours, float(preference[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
+            return table, tours, float(preference[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
 
         near_steps, far_steps = self.config.discount_steps, candidates.discount_steps
-        places, tours, rate = search(near_steps)
+        table, tours, rate = search(near_steps)
         if far_steps > self.config.far_discount_ratio * near_steps:
             # Residual gain nearby must not come before a wing of the building, nor the wing before the rest of a room.
-            far_places, far_tours, far_rate = search(far_steps)
+            far_table, far_tours, far_rate = search(far_steps)
             if far_rate > self.config.far_rate_ratio * rate:
-                return far_places, far_tours
-        return places, tours
+                return far_table, far_tours
+        return table, tours
 
     def _go(
         self,
         state: PlanningState,
         tour: Tour,
         path: Float[np.ndarray, "k 2"],
-        xy_m: Float[np.ndarray, 2],
+        table: TransitionTable,
         first_views: tuple[Candidate, ...],
         gain: InformationGain,
     ) -> Plan:
         """The plan that leads to the first view of a tour, which becomes the target or stays it."""
         first, pose = tour.views[0], state.pose
-        viewpoint = Viewpoint(xy_m, first.heading)
+        viewpoint = Viewpoint(table.places.xy_m[first.place], first.heading)
         kept = self._target is not None and self._target.is_same(viewpoint)
         if not kept:
             self._close_target(gain, pose)
         view = gain.expected_view(viewpoint)
-        given = {"seen_m2": gain.seen_m2, "config": self.config, "view_side": gain.view_side}
-        target = self._target or ActiveTarget(viewpoint, expected_gain_m2=first.gain_m2, view=view, **given)
+        target = self._target
+        if target is None:
+            here, there = table.swept(sector_of(pose.yaw_rad), first.place, first.heading)
+            promised = gain.promise(pose.xy_m, here), gain.promise(viewpoint.xy_m, there)
+            given = {"seen_m2": gain.seen_m2, "config": self.config, "view_side": gain.view_side}
+            target = ActiveTarget(viewpoint, expected_gain_m2=first.gain_m2, promised=promised, view=view, **given)
         # A heading that the robot can have: the sector's own may lie half a turn step beside it.
         yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
         purpose = " to improve the map" if self._improving else ""

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from anm_mj import _native
 from anm_mj.planning.field_of_view import FieldOfView
@@ -58,6 +58,16 @@ class ExpectedView:
     """New surface in the whole view [m2]."""
     of_kind_m2: Float[np.ndarray, " kinds"]
     """The same for each of ``KINDS`` of places [m2]."""
+
+
+@dataclass(frozen=True)
+class PromisedRays:
+    """The rays from one place that a target is expected to look along."""
+
+    xy_m: Float[np.ndarray, "2"]
+    """The place."""
+    gain_m2: Float32[np.ndarray, " rays"]
+    """New surface that each ray is expected to show, ordered as those of a place; 0 for the others [m2]."""
 
 
 class InformationGain:
@@ -209,6 +219,25 @@ class InformationGain:
         # Without any cell, bincount gives integers.
         of_kind = np.bincount(self._kinds(cells, depth[counts]), gain_m2[counts], len(KINDS)).astype(float)
         return ExpectedView(cells, distance_m, float(gain_m2.sum()), of_kind)
+
+    def promise(self, xy_m: Float[np.ndarray, "2"], sectors: Bool[np.ndarray, " azimuths"]) -> PromisedRays:
+        """What views from a place that cover some azimuth sectors are expected to show of new surface."""
+        rays = self._rays.cast(xy_m[None])
+        counts = (rays.state[0] == UNKNOWN) & np.repeat(sectors, self._config.num_elevations)
+        return PromisedRays(xy_m, np.where(counts, self._ray_gains(rays)[0], np.float32(0.0)))
+
+    def done_m2(self, promised: PromisedRays, looked: Bool[np.ndarray, " azimuths"] | None = None) -> float:
+        """The part of what rays promised that was looked at [m2].
+
+        That is what is expected of them no more, because it was seen, or because a view left it unknown; and all of the
+        azimuth sectors ``looked`` at from the place itself.
+        """
+        # By the map as it is: a remembered ray goes on through what has turned up before the cell that it hit.
+        rays = self._rays.cast_afresh(promised.xy_m)
+        left_m2 = np.where(rays.state[0] == UNKNOWN, self._ray_gains(rays)[0], np.float32(0.0))
+        if looked is not None:
+            left_m2[np.repeat(looked, self._config.num_elevations)] = 0.0
+        return float(np.maximum(promised.gain_m2 - left_m2, np.float32(0.0)).sum())
 
     def _ray_gains(self, rays: Rays) -> Float32[np.ndarray, "n rays"]:
         """Expected new surface of each ray [m2]."""

@@ -82,6 +82,15 @@ class RayCache:
         _native.cast_rays(self._occupancy.state, self._offset, self._start, rows, *self._rays)
         return Rays(*(array[rows] for array in self._rays))
 
+    def cast_afresh(self, place_xy_m: Float[np.ndarray, "2"]) -> Rays:
+        """The rays of one place, whatever is remembered of them; leaves what is remembered as it is."""
+        self._follow_layout()
+        start = self._occupancy.flat_index(np.array([[*place_xy_m, self._camera_height_m]]))
+        rays = Rays(*(np.zeros_like(array, shape=(1, array.shape[1])) for array in self._rays))
+        rays.state[:] = NEVER_CAST
+        _native.cast_rays(self._occupancy.state, self._offset, start, np.zeros(1, np.int32), *rays)
+        return rays
+
     def _allocate(self, start: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Rows of the cells that rays start in; new rows where there are none."""
         cell = start % len(self._row_of)

@@ -52,6 +52,8 @@ class TransitionTable:
             more_steps: what a step or turn costs beside itself while the camera looks along each sector at each place
                 [steps]; None = nothing.
         """
+        self.places = places
+        """What it was made for."""
         self._view_side = view_side
         self._swept = np.arange(-HALF_TURN - view_side, HALF_TURN + view_side + 1)
         """Azimuth sectors that turns can sweep over, relative to the first heading."""
@@ -116,6 +118,34 @@ class TransitionTable:
         self._cover_turn(covered, place, heading, np.where(stays, to_heading, self._leave[place, to]))
         self._cover_turn(covered, to, np.where(stays, heading, self._arrive[place, to]), to_heading)
 
+    def swept(
+        self, heading: int, to: int, to_heading: int
+    ) -> tuple[Bool[np.ndarray, " azimuths"], Bool[np.ndarray, " azimuths"]]:
+        """Azimuth sectors that a robot at the first place newly sees on the way to a view: there, and at the end.
+
+        It looks along ``heading`` now. The turn of one that stays counts as made at the end.
+        """
+        stays = to == 0
+        leave, arrive = (heading, heading) if stays else (int(self._leave[0, to]), int(self._arrive[0, to]))
+        here, there = np.zeros((2, NUM_AZIMUTHS), bool)
+        for sectors, start, end in ((here, heading, leave), (there, arrive, to_heading)):
+            sectors[self._sectors(np.array([start]), np.array([end]))[1]] = True
+        known = self._sectors(np.array([heading]), np.array([heading]))[1]
+        here[known] = False
+        if stays:
+            there[known] = False
+        return here, there
+
+    def _sectors(
+        self, start: Int[np.ndarray, " c"], end: Int[np.ndarray, " c"]
+    ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Which of some turns from one heading to another show which sectors."""
+        turn = signed_turns(end, start)[:, None]
+        side = self._view_side
+        swept = (np.minimum(turn, 0) - side <= self._swept) & (np.maximum(turn, 0) + side >= self._swept)
+        row, column = np.nonzero(swept)
+        return row, (start[row] + self._swept[column]) % NUM_AZIMUTHS
+
     def _cover_turn(
         self,
         covered: Bool[np.ndarray, "c patches"],
@@ -124,11 +154,8 @@ class TransitionTable:
         end: Int[np.ndarray, " c"],
     ) -> None:
         """Mark what the camera sweeps over while it turns at places from one heading to another."""
-        turn = signed_turns(end, start)[:, None]
-        side = self._view_side
-        swept = (np.minimum(turn, 0) - side <= self._swept) & (np.maximum(turn, 0) + side >= self._swept)
-        row, column = np.nonzero(swept)
-        covered[row[:, None], self._patch[place[row], (start[row] + self._swept[column]) % NUM_AZIMUTHS]] = True
+        row, sector = self._sectors(start, end)
+        covered[row[:, None], self._patch[place[row], sector]] = True
 
     def _sweep_gains(
         self, sector_gain: Float[np.ndarray, "*n azimuths"], start: Int[np.ndarray, "*n"]

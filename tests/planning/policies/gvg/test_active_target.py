@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
-from anm_mj.planning.policies.gvg.information_gain import ExpectedView
+from anm_mj.planning.policies.gvg.information_gain import ExpectedView, PromisedRays
 from anm_mj.planning.policies.gvg.place_kinds import KINDS
 from anm_mj.planning.policies.gvg.views import Viewpoint
 from anm_mj.types import Plan, Pose2, TopDownMap
@@ -22,7 +22,8 @@ def decided(path=PATH, yaw=0.0, view_gain_m2=8.0):
     """A target at (1, 2) that looks along x, with a plan; 100 m2 were seen by then."""
     view = ExpectedView(np.zeros(0, int), np.zeros(0), view_gain_m2, np.zeros(len(KINDS)))
     given = {"expected_gain_m2": 8.0, "seen_m2": 100.0, "config": CONFIG, "view_side": 4}
-    target = ActiveTarget(viewpoint(1.0, 2.0), view=view, **given)
+    none = PromisedRays(np.zeros(2), np.zeros(0, np.float32))
+    target = ActiveTarget(viewpoint(1.0, 2.0), promised=(none, none), view=view, **given)
     target.decide(target.viewpoint, Plan("", path, (yaw,)), view_gain_m2=view_gain_m2, seen_m2=100.0)
     return target
 

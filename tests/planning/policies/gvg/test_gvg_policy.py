@@ -1,4 +1,7 @@
+import re
+
 import numpy as np
+import pytest
 
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
@@ -48,6 +51,19 @@ def test_plan_is_reused_while_nothing_new_is_seen():
     first, second = gvg.plan(world, observation(START)), gvg.plan(world, observation(START, 1))
     assert second.reason.startswith("plan reused: ")
     assert second.headings_rad == first.headings_rad
+
+
+def test_a_target_that_is_reached_is_compared_with_what_was_expected_of_it():
+    world, gvg = half_known_room(), policy()
+    chosen = gvg.plan(world, observation(START))
+    (gain_m2,) = re.findall(r"expected gain ([0-9.]+) m²", chosen.reason)
+    end = chosen.path_xy_m[-1] if len(chosen.path_xy_m) else START.xy_m
+    closed = gvg.plan(world, observation(Pose2(*end, chosen.headings_rad[-1]), 1)).closed
+    assert closed is not None
+    assert closed.promised_m2 == pytest.approx(float(gain_m2), abs=0.051)
+    # The map stayed as it was: nothing was seen, but all of the view was looked at.
+    assert 1.0 < closed.expected_m2 <= closed.promised_m2
+    assert closed.realised_m2 == 0.0
 
 
 def test_plan_is_dropped_after_a_collision():

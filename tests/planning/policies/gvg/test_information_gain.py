@@ -221,3 +221,40 @@ def test_view_of_a_known_room_expects_nothing_of_any_kind():
     view = gain_in(with_lid(room(4, 3))).expected_view(Viewpoint(np.array([2.0, 1.5]), 0))
     assert view.gain_m2 == 0.0
     assert not view.of_kind_m2.any()
+
+
+def test_promise_is_done_where_it_was_seen_or_looked_at():
+    unknown = [(3.2, 0.2, 4.2, 3.2)]
+    world = with_lid(room(4, 3, unknown=unknown))
+    gain, place = gain_in(world), np.array([1.5, 1.7])
+    sectors = np.zeros(36, bool)
+    sectors[[35, 0, 1, 18]] = True
+    promised = gain.promise(place, sectors)
+    total_m2 = gain.sector_gains(place[None])[0]
+    assert promised.gain_m2.sum() == pytest.approx(total_m2[sectors].sum(), rel=1e-5)
+    assert gain.done_m2(promised) == 0.0
+    # Looked along from there, whether or not anything was seen.
+    ahead = np.arange(36) == 0
+    assert gain.done_m2(promised, ahead) == pytest.approx(total_m2[0], rel=1e-5)
+    # Seen from elsewhere.
+    seen = with_lid(room(4, 3))
+    gain.update(seen, everywhere(seen))
+    assert gain.done_m2(promised) == pytest.approx(promised.gain_m2.sum(), rel=1e-5)
+
+
+def test_what_has_turned_up_on_the_way_to_the_unknown_counts_as_seen():
+    grid = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
+    gain, place = gain_in(grid), np.array([1.5, 1.7])
+    promised, ray_gains = gain.promise(place, np.arange(36) == 0), gain.ray_gains(place[None])[1]
+    grid.state[:, :, 48:52] = OCCUPIED
+    gain.update(grid, everywhere(grid))
+    assert gain.done_m2(promised) == pytest.approx(promised.gain_m2.sum(), rel=1e-5)
+    # What the policy remembers of its rays is as before, so that its decisions are.
+    assert (gain.ray_gains(place[None])[1] == ray_gains).all()
+
+
+def test_what_a_view_left_unknown_is_done():
+    gain, place = gain_in(with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))), np.array([1.5, 1.7])
+    promised = gain.promise(place, np.ones(36, bool))
+    gain.suppress_view(Pose2(1.5, 1.7, 0.0))
+    assert gain.done_m2(promised) > 0.8 * promised.gain_m2.sum() > 1.0

@@ -86,3 +86,15 @@ def test_preference_holds_against_a_little_more_gain(paths):
 
 def test_no_gain_no_tour(paths):
     assert search(paths, [(8.2, 3.2, {})])(EAST, depth=3, width=4) == []
+
+
+def test_a_way_shows_what_the_turns_before_and_after_it_sweep(paths):
+    table = search(paths, [(8.2, 3.2, {EAST: 5.0})]).args[0]
+    here, there = (set(np.flatnonzero(sectors).tolist()) for sectors in table.swept(NORTH, 1, NORTH))
+    # It turns to the east, beyond what it has in view already, and back to the north there; paths may bend a little.
+    assert {34, 35, 0, 1, 2, 3, 4} <= here <= {*range(31, 36), *range(5)}
+    assert {34, 35, *range(14)} <= there <= {*range(31, 36), *range(14)}
+    # It stays and turns: only what its view does not show yet counts.
+    here, there = table.swept(NORTH, 0, WEST)
+    assert not here.any()
+    assert set(np.flatnonzero(there)) == set(range(14, 23))
