@@ -145,7 +145,7 @@ class FieldLocaliser:
         settings = self.config.registration
         static_view = observation
         if self._map.config.moving.detect and not lost:
-            static_view = without_moved(observation, self._map, prior.T_world_camera, prior.basis, prior.covariance)
+            static_view = without_moved(observation, self._map, prior.T_world_camera, prior.deviations)
         points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)

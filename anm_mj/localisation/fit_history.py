@@ -1,7 +1,5 @@
 """What registrations of late cost and scored: a frame that fits less well than usual may be in a wrong place."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

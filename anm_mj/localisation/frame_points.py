@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 
-from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.protocols import FindsMoved
 from anm_mj.types import Intrinsics, Observation
@@ -66,8 +65,7 @@ def without_moved(
     observation: Observation,
     mapper: FindsMoved,
     T_world_camera: Float[np.ndarray, "4 4"],
-    basis: Float[np.ndarray, "6 n"],
-    covariance: Float[np.ndarray, "n n"],
+    deviations: tuple[float, float],
 ) -> Observation:
     """The frame without the pixels that moved, as far as a map tells from where the camera may be.
 
@@ -75,10 +73,9 @@ def without_moved(
         observation: The frame.
         mapper: The map.
         T_world_camera: Where the camera is expected.
-        basis: What displacements the camera may make, see :class:`anm_mj.localisation.registration.Prior`.
-        covariance: Of those.
+        deviations: Standard deviations of its position [m] and its rotation [rad].
     """
-    position_m, rotation_rad = largest_deviations(basis @ covariance @ basis.T)
+    position_m, rotation_rad = deviations
     believed = replace(observation, T_world_camera=T_world_camera, position_deviation_m=position_m)
     return mapper.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
 

@@ -95,8 +95,7 @@ class MotionNoise:
 
     def add(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"], scale: float) -> None:
         """Take in what a frame's pose says of its prior, which was made with a scale."""
-        if prior.motion_covariance is None:
-            return
+        assert prior.motion_covariance is not None
         offset = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
         # Median of chi-square (Wilson and Hilferty, 1931).
         usual = len(offset) * (1.0 - 2.0 / (9.0 * len(offset))) ** 3

@@ -81,6 +81,20 @@ def test_a_wrong_displacement_leads_no_rotation_astray(room: Room) -> None:
         assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.03
 
 
+def test_without_grey_values_a_rotation_is_searched_by_depth(room: Room) -> None:
+    config = replace(CONFIG, gray_deviation=0.0)
+    images = KeyImages(config)
+    images.add(room.observe(1.5, 1.5, 0.0, size=128), 0.0)
+    frame = room.observe(1.5, 1.5, 0.1, size=128)
+    points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
+    gray = coarse_gray_at(key_image(frame, config.longest_px), points)
+    extra = FrameToImages(images, images.images, points, gray, 0.0, 1.0)
+    assert not extra.has_gray
+    T = moved_camera(frame.T_world_camera, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.12]))
+    start = rotation_search(Prior(T, np.diag([0.01, 0.01, 0.08]) ** 2, PLANAR), extra, RegistrationConfig())
+    assert abs(camera_motion(frame.T_world_camera, start)[5]) < 0.03
+
+
 def test_a_rotation_that_shows_nothing_alike_is_not_found(room: Room, images: KeyImages) -> None:
     frame = room.observe(1.5, 1.5, 0.0, size=128)
     points = draw_points(frame, 900, 0.0, 8.0, np.random.default_rng(0))
