@@ -151,7 +151,7 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-        image = key_image(observation, self.config.key_images.longest_px, noise)
+        image = key_image(static_view, self.config.key_images.longest_px, noise)
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
         align, known = self._map.backend.align, self._known

@@ -21,6 +21,8 @@ from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised
 from anm_mj.localisation.registration import Prior
 from anm_mj.mapping.alignment import FramePoints
 
+_TRIAL_ITERATIONS = 2
+"""Steps that tell whether the poses as a whole should be corrected."""
 _LOOP_M, _LOOP_RAD = 0.1, 0.06
 """Standard deviations of the place where a loop may close, at least [m, rad]."""
 
@@ -61,6 +63,8 @@ class KeyframeGraph:
         self._basis = basis
         self._pending: list[list[Edge]] = []
         """Of the last keyframes: measurements to a place that is seen again, not believed yet."""
+        self._num_returned = 0
+        """Keyframes that showed an old place again."""
 
     def add(
         self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"], motion: Prior | None
@@ -84,16 +88,21 @@ class KeyframeGraph:
         near, old = self._chosen(compared.points, T_world_camera, node)
         covariance = self._basis.T @ np.diag([_LOOP_M**2] * 3 + [_LOOP_RAD**2] * 3) @ self._basis
         loops: list[Edge] = []
+        returned = False
         for image in (*near, *old):
             one = measured(compared.against(image), T_world_camera, covariance, self._basis, self.config)
             if one.overlap >= self.config.least_overlap and one.fit >= self.config.least_fit:
                 edge = self._edge(image.node, node, one.T_world_camera, one.information)
                 edge = replace(edge, kernel=self.config.edge_kernel)
                 is_old = node - image.node >= self.config.loop_keyframes
-                apart = float(np.linalg.norm(edge.deviation(self.poses)[:3]))
-                # What hardly deviates needs no proof: it only keeps the latest keyframes from drifting.
-                (loops if is_old and apart > self.config.loop_m else self.edges).append(edge)
-        closed = self.config.loops and self._take_loops(loops)
+                deviates = float(np.linalg.norm(edge.deviation(self.poses)[:3])) > self.config.loop_m
+                # What hardly deviates needs no proof. Of the others a recent one slid along what it cannot tell apart.
+                if not deviates:
+                    self.edges.append(edge)
+                elif is_old:
+                    loops.append(edge)
+                returned |= is_old
+        closed = self.config.loops and (self._take_loops(loops) or (returned and self._closes()))
         if not closed and not self.config.adjust:
             return None
         fixed = np.zeros(node + 1, bool)
@@ -105,6 +114,20 @@ class KeyframeGraph:
             if image.node >= 0:
                 image.T_world_camera = self.poses[image.node]
         return Correction(tuple(free.tolist()), self.poses[free], before[free], closed)
+
+    def _closes(self) -> bool:
+        """Whether all measurements together ask for a correction that the map should follow.
+
+        A frame that comes back is registered to the oldest image, which pulls its pose to where it was then: not the
+        present pose deviates, but those on the way between.
+        """
+        self._num_returned += 1
+        if self._num_returned % self.config.loop_every:
+            return False
+        fixed = np.zeros(len(self.poses), bool)
+        fixed[0] = True
+        poses = optimised(self.poses, self.edges, fixed, self._basis, _TRIAL_ITERATIONS)
+        return bool(np.linalg.norm((poses - self.poses)[:, :3, 3], axis=1).max() > self.config.rebuild_m)
 
     def _take_loops(self, edges: list[Edge]) -> bool:
         """Whether measurements to a place seen again are believed now, which takes them into the graph."""

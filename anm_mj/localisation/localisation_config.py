@@ -166,9 +166,9 @@ class GraphConfig(Settings, group="localisation.graph", error=MapError):
 
     adjust: bool = False
     """Whether the poses of the latest keyframes are adjusted with each new one (bundle adjustment)."""
-    loops: bool = False
+    loops: bool = True
     """Whether a place that is seen again corrects all keyframes since (loop closure)."""
-    images: int = setting(5, at_least=1, at_most=100)
+    images: int = setting(3, at_least=1, at_most=100)
     """Earlier keyframes that a new one is registered to."""
     window: int = setting(30, at_least=1, at_most=100_000)
     """So many of the latest keyframes are adjusted; a loop adjusts all but the first."""
@@ -180,11 +180,11 @@ class GraphConfig(Settings, group="localisation.graph", error=MapError):
     """Width of it at the end."""
     information: float = 0.1
     """Share of the sum over the pixels that a registration is believed by, as neighbouring pixels err together."""
-    chain_m: float = 0.01
+    chain_m: float = 0.005
     """Standard deviation of the estimated displacement from one keyframe to the next, by field and odometry [m],"""
-    chain_rad: float = 0.005
+    chain_rad: float = 0.003
     """and of the rotation [rad]."""
-    edge_kernel: float = 3.0
+    edge_kernel: float = 10.0
     """Width of the kernel on the deviation of a registration from the graph, in standard deviations."""
     least_overlap: float = setting(0.35, at_least=0.0, at_most=1.0)
     """A keyframe must show at least this share of the points,"""
@@ -198,6 +198,8 @@ class GraphConfig(Settings, group="localisation.graph", error=MapError):
     """which so many keyframes in a row have to say alike,"""
     loop_chi_square: float = 16.0
     """and all other measurements must allow, by the squared deviation in standard deviations."""
+    loop_every: int = setting(10, at_least=1, at_most=100_000)
+    """After so many keyframes that show a place again, all measurements together are asked for a correction."""
     rebuild_m: float = 0.03
     """A correction by more than this [m] rebuilds the occupancy grid from the keyframes, and trains the field again,"""
     rebuild_iterations: int = setting(100, at_least=0, at_most=100_000)

@@ -55,6 +55,25 @@ def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[Keyframe
     return graph, corrections
 
 
+def pulled_back(config: GraphConfig, frames: list[Observation]) -> tuple[KeyframeGraph, list[Correction]]:
+    """The graph of a camera whose pose drifts, until what it saw at first comes into view and pulls it back slowly."""
+    images = KeyImages(KeyImageConfig())
+    graph = KeyframeGraph(config, images, PLANAR)
+    corrections = []
+    for step, frame in enumerate(frames):
+        share = float(np.clip((26 - step) / 8, 0.0, 1.0))
+        T = moved_camera(frame.T_world_camera, share * drift(min(step, 18)))
+        placed = replace(frame, T_world_camera=T)
+        images.add(placed, 0.0)
+        points = draw_points(placed, 500, 0.0, 8.0, np.random.default_rng(step))
+        gray = coarse_gray_at(images.images[-1], points)
+        motion = Prior(T, STEP_COVARIANCE, PLANAR) if step else None
+        correction = graph.add(FrameToImages(images, [], points, gray, 0.0, 1.0), T, motion)
+        if correction is not None:
+            corrections.append(correction)
+    return graph, corrections
+
+
 def off_m(graph: KeyframeGraph, frames: list[Observation]) -> np.ndarray:
     true = np.array([frame.T_world_camera for frame in frames])
     return np.linalg.norm(graph.poses[:, :3, 3] - true[:, :3, 3], axis=1)
@@ -76,6 +95,21 @@ def test_a_place_that_is_seen_again_closes_a_loop(frames: list[Observation]) -> 
     # Images and poses go together.
     for image in graph._images.images:
         np.testing.assert_array_equal(image.T_world_camera, graph.poses[image.node])
+
+
+def test_a_pose_that_was_pulled_back_corrects_the_way(frames: list[Observation]) -> None:
+    graph, corrections = pulled_back(replace(CONFIG, loop_every=3), frames)
+    assert [correction.closed for correction in corrections] == [True]
+    assert corrections[0].largest_m > 0.03
+    assert off_m(graph, frames).max() < 0.015
+
+
+def test_what_is_asked_for_too_rarely_corrects_nothing(frames: list[Observation]) -> None:
+    graph, corrections = pulled_back(replace(CONFIG, loop_every=100), frames)
+    assert not corrections
+    # The last poses were right before, too.
+    assert off_m(graph, frames)[18] > 0.035
+    assert off_m(graph, frames)[26:].max() < 0.001
 
 
 def test_without_loops_and_adjustment_nothing_moves(frames: list[Observation]) -> None:
