@@ -134,7 +134,9 @@ def map_recorded(
     if reference is not None and not track:
         raise ConfigError("--reference is for poses that --track finds; give both, or none.")
     measured = None if reference is None else read_reference(reference)
-    settings = [*["record.images=full"] * keep_images, *settings]
+    # A camera that is held before a desk sees all of it again and again: closing loops brought nothing there.
+    usual = [*["record.images=full"] * keep_images, *["localisation.graph.loops=false"] * track]
+    settings = [*usual, *settings]
     config = make_config(options.pop("preset", DEFAULT_PRESET), settings, scene=str(sequence), **options)
     wanted = SequenceOptions(layout, camera, depth_unit, up, floor, every, by_role)
     wanted = replace(wanted, match_s=match, max_gap_s=max_gap, max_bad=max_bad)

@@ -220,8 +220,7 @@ class FieldLocaliser:
         covariance = self._basis.T @ np.diag(deviations**2) @ self._basis
         motion = Prior(T, covariance, self._basis) if self._is_chained else None
         self._is_chained = True
-        correction = self._graph.add(compared, T, motion)
-        if correction is None:
+        if (correction := self._graph.add(compared, T, motion)) is None:
             return
         self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
         self._T_world_camera = correction.T_world_camera[-1]
@@ -229,7 +228,8 @@ class FieldLocaliser:
             if correction.closed:
                 text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built again."
                 _logger.info(text, observation.step, 100.0 * correction.largest_m)
-            self._map.rebuild((image.view for image in self._key_images.images), graph.rebuild_iterations)
+            views = (image.view for image in self._key_images.images)
+            self._map.rebuild(views, graph.rebuild_iterations, (correction.T_world_before, correction.T_world_camera))
 
     def _compare(
         self,

@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
+from anm_mj.mapping.carried_voxels import carry
 from anm_mj.mapping.depth_noise import NoiseMean, Strays
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
@@ -32,6 +33,10 @@ from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
 
+View = tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]
+"""Planar depth [m], the camera, and its pose in the world."""
+MovedPoses = tuple[Float[np.ndarray, "m 4 4"], Float[np.ndarray, "m 4 4"]]
+"""Poses of keyframes before and after a correction, camera to world."""
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
 _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
@@ -175,15 +180,20 @@ class DepthOccupancy:
         moved = self._kernels.moved(self.voxels, view, doubt, self._moved.config.free_looks)
         return moved if moved.any() else None
 
-    def rebuild(self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]]) -> None:
+    def rebuild(self, views: Iterable[View], moved: MovedPoses | None = None) -> None:
         """Forget all voxels and fuse these depth images, cameras and poses: what was carved cannot be moved.
 
-        The count of frames goes on; what is known of the sensor's noise stays.
+        ``moved`` are poses of keyframes before and after a correction: what the images do not show stays as it was, and
+        moves with the nearest keyframe. The count of frames goes on; what is known of the sensor's noise stays.
         """
         noise, strays = self.noise.array(), self.strays.array()
-        self.voxels = unseen_voxels(self.voxels.state.shape, self.voxels.corner)
+        self.settle_moved()
+        before = self.voxels
+        self.voxels = unseen_voxels(before.state.shape, before.corner)
         for view in views:
             self.integrate(*view)
+        if moved is not None:
+            carry(before, self.voxels, *moved, self.config.voxel_m, self._num_frames)
         self.noise.set_array(noise)
         self.strays.set_array(strays)
         self.voxels = self.voxels._replace(column_version=np.full_like(self.voxels.column_version, self._num_frames))

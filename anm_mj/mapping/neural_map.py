@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.depth_occupancy import MovedPoses, View
 from anm_mj.mapping.expected_error import CONSTANT_M, expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
@@ -135,11 +136,12 @@ class NeuralMap:
         """
         self.field.move_keyframes(from_end, T_world_camera)
 
-    def rebuild(
-        self, views: Iterable[tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]], iterations: int
-    ) -> None:
-        """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often."""
-        self.occupancy.by_depth.rebuild(views)
+    def rebuild(self, views: Iterable[View], iterations: int, moved: MovedPoses | None = None) -> None:
+        """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often.
+
+        ``moved`` as of :meth:`~.depth_occupancy.DepthOccupancy.rebuild`.
+        """
+        self.occupancy.by_depth.rebuild(views, moved)
         self.field.retrain(iterations, self.occupancy.by_depth.grid)
         self._start_readers()
 

@@ -62,6 +62,22 @@ def test_what_no_keyframe_shows_is_unknown_again(tiny_config: MappingConfig, roo
     assert np.isfinite(grid.seen_range_m).sum() == np.isfinite(expected.seen_range_m).sum()
 
 
+def test_what_no_keyframe_shows_moves_with_the_nearest(tiny_config: MappingConfig, room: Room) -> None:
+    frames = [room.observe(1.5, 1.5, 1.2 + 0.2 * k, size=64, step=k) for k in range(5)]
+    neural_map, right = mapped(tiny_config, [beside(frame) for frame in frames]), mapped(tiny_config, frames)
+    before, after = (np.stack([f.T_world_camera for f in some]) for some in ((beside(f) for f in frames), frames))
+    first = frames[0]
+    neural_map.rebuild([(first.depth_m, first.intrinsics, first.T_world_camera)], 1, (before, after))
+    by_depth, expected = (each.occupancy.by_depth for each in (neural_map, right))
+    points = np.argwhere(expected.voxels.state != UNKNOWN)[:, ::-1] + expected.voxels.corner
+    states = [each.state_at(points * tiny_config.occupancy.voxel_m) for each in (by_depth, expected)]
+    assert (states[0] == states[1]).mean() > 0.99
+    # What one frame shows is a part of it.
+    alone = mapped(tiny_config, frames[:1]).occupancy.by_depth.state_at(points * tiny_config.occupancy.voxel_m)
+    assert (alone == states[1]).mean() < 0.8
+    assert by_depth.surface_volume_m3() >= expected.surface_volume_m3()
+
+
 def test_the_last_frame_goes_with_its_keyframe(tiny_config: MappingConfig, room: Room) -> None:
     frames = [room.observe(1.5, 1.5, 1.2 + 0.2 * k, size=64, step=k) for k in range(3)]
     moved, right = mapped(tiny_config, [*frames[:2], beside(frames[2])]), mapped(tiny_config, frames)
