@@ -10,8 +10,6 @@ than looking through lowers them, so that what stays becomes surface after a whi
 through voxels counts as much as a hit: what was marked before it was known to move is freed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

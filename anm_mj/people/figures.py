@@ -5,8 +5,6 @@ the lower foot asks for: a planar leg of two links (Murray, Drought and Kory, Wa
 the angles). Vacuum robots and the chair are one body each.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Who walks through a scene."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.errors import ConfigError

@@ -1,7 +1,5 @@
 """The force between people: an exponential of the distance between their bodies, weaker for what lies behind."""
 
-from __future__ import annotations
-
 import math
 
 _PUSH_MPS2, _PUSH_M = 25.0, 0.08

@@ -1,7 +1,5 @@
 """The floor that people walk on: where they can stand, how far the walls are, and paths from place to place."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The target that the robot is sent to: where it looks from, what is expected of it, and when to decide again."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -68,7 +66,7 @@ class ActiveTarget:
         self.viewpoint, self._plan = viewpoint, plan
         self._view_gain_m2, self._decided_at_m2, self._num_reuses = view_gain_m2, seen_m2, 0
 
-    def is_near(self, xy_m: Float[np.ndarray, 2]) -> bool:
+    def is_near(self, xy_m: Float[np.ndarray, "2"]) -> bool:
         """Whether a place is nearer to the target than candidates lie apart."""
         return math.dist(xy_m, self.viewpoint.xy_m) < self._config.candidate_spacing_m
 

@@ -1,7 +1,5 @@
 """The places that a decision compares: where the robot stands, and reachable vertices of the graph, thinned out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

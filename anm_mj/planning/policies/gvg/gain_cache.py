@@ -37,7 +37,7 @@ class GainCache:
         self._square = square[first]
         self._gain_m2 = np.concatenate([gain_m2[::-1], self._gain_m2])[first]
 
-    def invalidate(self, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]) -> None:
+    def invalidate(self, low_xy_m: Float[np.ndarray, "2"], high_xy_m: Float[np.ndarray, "2"]) -> None:
         """Forget all squares that touch the box between two corners [m]."""
         low, high = self._square * self._side_m, (self._square + 1) * self._side_m
         kept = (high < low_xy_m).any(axis=1) | (low > high_xy_m).any(axis=1)

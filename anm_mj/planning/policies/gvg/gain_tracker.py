@@ -6,8 +6,6 @@ expects less of its kind of places (:mod:`anm_mj.planning.policies.gvg.gain_yiel
 targets in a row.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget

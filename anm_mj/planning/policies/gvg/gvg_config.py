@@ -1,7 +1,5 @@
 """Settings of the gvg policy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from anm_mj.planning.policies.context import PolicyConfig

@@ -15,8 +15,6 @@ where its map is worst: views then also count what they improve of known surface
 "reconstruction" they do so from the start. The run is complete when neither is worth a step.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

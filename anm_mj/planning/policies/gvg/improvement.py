@@ -7,8 +7,6 @@ power of that number the error falls (:class:`anm_mj.types.SurfaceErrors`). A pl
 near, therefore has nothing to offer any more, and the search for improvement ends by itself.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 

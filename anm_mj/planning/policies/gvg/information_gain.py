@@ -14,8 +14,6 @@ times the share by which a view improves it (:mod:`anm_mj.planning.policies.gvg.
 have changed, and of both caches: single rays, and gains per place.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -269,7 +267,7 @@ class InformationGain:
             layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
         ) * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS  # fmt: skip
 
-    def _note_change(self, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]) -> None:
+    def _note_change(self, low_xy_m: Float[np.ndarray, "2"], high_xy_m: Float[np.ndarray, "2"]) -> None:
         """Extend the area in which cells have changed to a box [m]."""
         if self._changed is not None:
             low_xy_m = np.minimum(low_xy_m, self._changed[0])

@@ -6,8 +6,6 @@ none either, to the sides of the passage. Robot and passage are then in line: fr
 centimetres it would have to drive back first.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -42,7 +40,7 @@ class NarrowDoors:
     def __init__(self, config: GvgConfig, stages: Stages, *, is_wide: bool) -> None:
         """Start before the first passage; a robot that is not wide tries them before its run ends only."""
         self._config, self._stages, self._is_wide = config, stages, is_wide
-        self._looked_at_m: list[Float[np.ndarray, 2]] = []
+        self._looked_at_m: list[Float[np.ndarray, "2"]] = []
 
     def consider(self, state: PlanningState, gain: InformationGain) -> tuple[PlanningState, Plan | None]:
         """The state, without a margin from now on where a passage is worth it; and a look where this opens no way."""
@@ -64,7 +62,7 @@ class NarrowDoors:
 
     def _find(
         self, state: PlanningState, gain: InformationGain
-    ) -> tuple[int, Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+    ) -> tuple[int, Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
         """The vertex from which to approach a passage worth a look, where to look from, and the place behind it [m].
 
         None without such a passage.
@@ -100,7 +98,7 @@ class NarrowDoors:
         return int(vertex[best]), start_m[best] + driven * (beyond_m - start_m)[best], beyond_m[best]
 
     def _look(
-        self, state: PlanningState, vertex: int, beside_m: Float[np.ndarray, 2], beyond_m: Float[np.ndarray, 2]
+        self, state: PlanningState, vertex: int, beside_m: Float[np.ndarray, "2"], beyond_m: Float[np.ndarray, "2"]
     ) -> Plan:
         """The plan that looks at a passage from before it."""
         middle_m = (state.graph.vertex_xy_m[vertex] + beyond_m) / 2
@@ -117,7 +115,7 @@ class NarrowDoors:
         path_xy_m = shortcut_path(path_xy_m, state.topdown, paths.safe_m, state.pose)
         return state.plan(reason, path_xy_m=path_xy_m, headings_rad=headings)
 
-    def _num_looks(self, middle_m: Float[np.ndarray, 2]) -> int:
+    def _num_looks(self, middle_m: Float[np.ndarray, "2"]) -> int:
         return sum(math.dist(middle_m, seen) < _SAME_M for seen in self._looked_at_m)
 
     def _discount(self, steps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -5,8 +5,6 @@ only over or through something is behind furniture, or lies beyond an opening wh
 floor begins the outside. Above people's heads is high, wherever it lies.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ as beyond an open door to the outside, nothing is looked for: such columns count
 rim of unknown, as wide as rays are long, so that no ray ever leaves the array.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -57,7 +55,7 @@ class PooledOccupancy:
 
     def update(
         self, grid: OccupancyGrid, window: Window | None
-    ) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
         """Pool the cells of a window again.
 
         Args:

@@ -4,8 +4,6 @@ From each place rays in all azimuth sectors and a few elevations run to the firs
 cache hold the rays of one place each; a place stands for the cell that contains it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Detects stagnation: a window of steps in which next to no new surface was seen."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 

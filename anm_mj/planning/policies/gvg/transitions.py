@@ -5,8 +5,6 @@ arrival, it sweeps over all azimuths in between and shows their gain. A patch of
 gain again.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Costs of the paths between places: steps, and the azimuth sectors along which they leave and arrive."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a finished run leaves unexplored, and why: patches of unknown space next to known free space."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage

@@ -5,8 +5,6 @@ and whatever lies beyond its range unknown for ever. Rays to such cells would ex
 were looked at, though: that the camera measured nothing there is all that such a view has to tell.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

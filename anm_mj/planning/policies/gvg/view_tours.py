@@ -4,8 +4,6 @@ The discount puts near gains first, and near ones on the way to more before othe
 views (:mod:`anm_mj.planning.policies.gvg.transitions`) know what each adds to what the tour has covered already.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

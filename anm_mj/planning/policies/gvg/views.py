@@ -1,7 +1,5 @@
 """Views, and the azimuth sectors that they cover: as many as a full rotation has turns, each as wide as one turn."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TypeVar
