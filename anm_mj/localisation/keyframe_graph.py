@@ -1,9 +1,9 @@
 """Keyframes and what was measured between them: their poses are adjusted as the run goes on.
 
 Each keyframe is registered to some earlier ones by their images alone. The poses of the latest ones are adjusted to
-that (bundle adjustment over a window). A place that is seen again, after a way on which the pose has drifted, is
-believed when several keyframes in a row say alike and the measurements on the way allow it; then all poses are
-adjusted.
+that (bundle adjustment over a window). When places are seen again, all measurements together are asked from time to
+time; where they move a keyframe far, all poses are adjusted (loop closure). A measurement of such a place that deviates
+from the present pose is believed when several keyframes in a row say alike and the measurements on the way allow it.
 """
 
 from __future__ import annotations
