@@ -151,7 +151,7 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-        image = key_image(static_view, self.config.key_images.longest_px, noise)
+        image = key_image(observation, self.config.key_images.longest_px, noise)
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
         align, known = self._map.backend.align, self._known
@@ -195,7 +195,7 @@ class FieldLocaliser:
             # At first the map has not seen the sensor yet.
             noise = self._noise_per_m
             noise = noise if math.isfinite(noise) else inverse_depth_noise(estimate.observation.depth_m) or 0.0
-            self._key_images.add(estimate.observation, noise, estimate.covariance)
+            self._key_images.add(self._map.find_moved(estimate.observation), noise, estimate.covariance)
         update = self._map.integrate(estimate.observation, effort)
         if effort.is_keyframe:
             self._correct(estimate.observation)

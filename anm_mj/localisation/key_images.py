@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Float16, Float32, Float64, UInt8
+from jaxtyping import Bool, Float, Float16, Float32, Float64, UInt8
 from scipy import ndimage
 
 from anm_mj import _native
@@ -61,6 +61,8 @@ class KeyImage:
     """Depth is the mean of a square about each pixel that reaches so far."""
     node: int = -1
     """Number of its keyframe; -1 before it has one."""
+    moved: Bool[np.ndarray, "h w"] | None = None
+    """Pixels that show what moved; None = none does."""
 
     def arrays(self, coarse: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
         """Depth, grey values, camera, pose, and from how far normals are taken [px], for native code."""
@@ -69,10 +71,12 @@ class KeyImage:
 
     @property
     def view(self) -> tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]:
-        """Depth, camera and pose."""
+        """Depth, NaN where nothing was measured or something moved, camera and pose."""
         height, width = self.depth_m.shape
         fx, fy, cx, cy = self.camera.tolist()
         depth = np.where(self.depth_m > 0.0, self.depth_m, np.nan).astype(np.float32)
+        if self.moved is not None:
+            depth[self.moved] = np.nan
         return depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
 
 
@@ -88,9 +92,7 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     mean nothing: then inverse depth, which is linear over a plane, is averaged about each pixel away from edges.
     """
     k = observation.intrinsics
-    factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
-    rows, cols = k.height // factor, k.width // factor
-    picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
+    factor, picked = _picked(k, longest_px)
     gray = gray_values(observation.rgb.astype(np.float32))
     if factor > 1:
         # About the picked pixel: the mean of an even block would stand half a pixel beside its ray.
@@ -114,6 +116,13 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
         observation.step,
         radius_px=radius,
     )
+
+
+def _picked(k: Intrinsics, longest_px: int) -> tuple[int, tuple[slice, slice]]:
+    """By how much a frame is reduced, and the rows and columns that are left."""
+    factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
+    rows, cols = k.height // factor, k.width // factor
+    return factor, (slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor))
 
 
 def coarse_gray(gray: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h4 w4"]:
@@ -162,6 +171,9 @@ class KeyImages:
         if image is None or image.T_world_camera is not observation.T_world_camera:
             image = key_image(observation, self.config.longest_px, noise_per_m)
             image = image if covariance is None else replace(image, covariance=covariance)
+        if observation.moved_m is not None:
+            # Frames are compared with all of it, but no map is made of what moved.
+            image.moved = np.isfinite(observation.moved_m[_picked(observation.intrinsics, self.config.longest_px)[1]])
         self.images.append(image)
         if len(self.images) > self.config.most_images:
             poses = np.stack([image.T_world_camera for image in self.images])

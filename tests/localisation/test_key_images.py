@@ -243,3 +243,18 @@ def test_smoothing_keeps_planes_and_leaves_edges_out(room: Room) -> None:
     before, after = (np.median(np.abs(1.0 / image[kept] - 1.0 / depth[kept])) for image in (noisy, smooth))
     # Twenty-five pixels, but creases are rounded.
     assert after < 0.4 * before
+
+
+def test_what_moved_is_compared_and_not_mapped(room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.4, size=96)
+    moved_m = np.full(frame.depth_m.shape, np.nan, np.float32)
+    moved_m[20:40, 30:60] = frame.depth_m[20:40, 30:60]
+    images = KeyImages(KeyImageConfig(longest_px=48))
+    images.see(key_image(frame, 48))
+    images.add(replace(frame, moved_m=moved_m), 0.0)
+    image = images.images[0]
+    assert np.isfinite(image.depth_m).all()
+    depth, intrinsics, _ = image.view
+    assert depth.shape == (intrinsics.height, intrinsics.width) == (48, 48)
+    assert np.isnan(depth[10:20, 15:30]).all()
+    assert np.isnan(depth).sum() == 10 * 15
