@@ -20,6 +20,7 @@ from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.registration import Sums
 from anm_mj.localisation.se3 import carried
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.depth_occupancy import View
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
 
@@ -70,7 +71,7 @@ class KeyImage:
         return self.depth_m.view(np.uint16), gray, self.camera, self.T_world_camera, self.radius_px + 1
 
     @property
-    def view(self) -> tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]:
+    def view(self) -> View:
         """Depth, NaN where nothing was measured or something moved, camera and pose."""
         height, width = self.depth_m.shape
         fx, fy, cx, cy = self.camera.tolist()
