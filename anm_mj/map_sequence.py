@@ -43,7 +43,7 @@ from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, frame_fit, misfits, say_misfits
 from anm_mj.sequence_check.report import facts
-from anm_mj.types import Footprint, Observation
+from anm_mj.types import Footprint, MapUpdate, Observation
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.stopwatch import Stopwatch
 
@@ -157,8 +157,8 @@ def map_sequence(
             with watch.stage("map"):
                 update = integrate(observation, estimate, tracker, neural_map)
             state.last = observation
-            log.observation(observation, estimate=estimate, fit=asdict(fits[-1]))
-            records.append(_record(observation, estimate))
+            log.observation(observation, estimate=estimate, fit=asdict(fits[-1]), closes_loop=update.closes_loop)
+            records.append(_record(observation, estimate, update))
             is_lost = records[-1].is_lost
             # A trajectory in this format is of the poses that are known.
             for file in cameras if not is_lost else ():
@@ -218,11 +218,11 @@ def map_sequence(
     return folder
 
 
-def _record(observation: Observation, estimate: PoseEstimate | None) -> FrameRecord:
+def _record(observation: Observation, estimate: PoseEstimate | None, update: MapUpdate) -> FrameRecord:
     pose, T = observation.pose, observation.T_world_camera
     is_lost = estimate is not None and estimate.state is TrackingState.LOST
     is_mapped = estimate is None or estimate.usable
-    return FrameRecord(observation.step, observation.time_s, pose, T, pose, T, is_lost, is_mapped)
+    return FrameRecord(observation.step, observation.time_s, pose, T, pose, T, is_lost, is_mapped, update.closes_loop)
 
 
 def _fit_metrics(
@@ -255,6 +255,7 @@ def _tracking_metrics(records: list[FrameRecord], reference: Track | None, watch
     metrics: dict[str, Any] = {
         "lost_percent": 100.0 * len(lost) / len(records),
         "unmapped_percent": 100.0 * len(unmapped) / len(records),
+        "loops_closed": sum(record.closes_loop for record in records),
         "frame_ms": {stage: ms / len(records) for stage, ms in watch.ms.items() if stage != "finish"},
     }
     if reference is not None:

@@ -17,6 +17,7 @@ COLUMNS = (
     ("final_heading_error_deg", "heading at the end [deg]", 2),
     ("lost_percent", "frames lost [%]", 1),
     ("unmapped_percent", "frames not mapped [%]", 1),
+    ("loops_closed", "loops closed", 1),
 )
 """Column of the results table, heading, decimals."""
 PAIRED = 2

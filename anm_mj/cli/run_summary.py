@@ -66,6 +66,7 @@ def report_metrics(console: PlainConsole, metrics: Metrics, folder: Path, status
         ("final position error", metrics.final_position_error_cm, "cm"),
         ("final heading error", metrics.final_heading_error_deg, "deg"),
         ("frames lost", metrics.lost_percent, "%"),
+        ("loops closed", metrics.loops_closed, ""),
         ("steps", metrics.steps, f"({metrics.turns} turns, {metrics.blocked} blocked)"),
         ("path length", metrics.path_m, "m"),
         ("rate", metrics.hz, "steps/s"),

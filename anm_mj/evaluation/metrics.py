@@ -121,7 +121,7 @@ class Metrics(RunSummary):
     fixed_view_depth_error_cm: float | None = None
     fixed_view_known_percent: float | None = None
     position_rmse_cm: float | None = None
-    """As the next eight: :class:`~anm_mj.evaluation.trajectory_error.TrajectoryError`; None with true poses."""
+    """As the next nine: :class:`~anm_mj.evaluation.trajectory_error.TrajectoryError`; None with true poses."""
     ate_rmse_cm: float | None = None
     rpe_cm_per_m: float | None = None
     rpe_deg_per_m: float | None = None
@@ -130,6 +130,7 @@ class Metrics(RunSummary):
     final_heading_error_deg: float | None = None
     lost_percent: float | None = None
     unmapped_percent: float | None = None
+    loops_closed: int | None = None
     aligned_observed_accuracy_cm: float | None = None
     """This and the next one: the mesh metrics after the alignment of the trajectory; None with true poses."""
     aligned_observed_f_score: float | None = None

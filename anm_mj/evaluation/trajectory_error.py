@@ -46,6 +46,8 @@ class TrajectoryError:
     """Share of the frames whose pose was not known [%]."""
     unmapped_percent: float
     """Share of the frames whose pose was not good enough for the map, the lost ones included [%]."""
+    loops_closed: int = 0
+    """How often earlier keyframes were moved, because a place was seen again."""
 
 
 def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
@@ -80,6 +82,7 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
         final_heading_error_deg=math.degrees(abs(heading)),
         lost_percent=lost_percent,
         unmapped_percent=unmapped_percent,
+        loops_closed=sum(frame.closes_loop for frame in frames),
     )
 
 

@@ -185,9 +185,8 @@ def _frame(line: FrameShape) -> FrameRecord:
     poses = _pose(line), believed_camera, _pose(true), true_camera
     moving = {"people": tuple(line.people), "vacuums": tuple(line.vacuums), "doors": tuple(line.doors)}
     covariance = None if found is None else found.covariance_xy_m2
-    return FrameRecord(
-        line.step, line.time_s, *poses, is_lost, is_mapped, **moving, chair=line.chair, covariance_xy_m2=covariance
-    )
+    judged = is_lost, is_mapped, found is not None and found.closes_loop
+    return FrameRecord(line.step, line.time_s, *poses, *judged, **moving, chair=line.chair, covariance_xy_m2=covariance)
 
 
 def _step(line: StepShape) -> StepRecord:

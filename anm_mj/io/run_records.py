@@ -22,6 +22,8 @@ class FrameRecord:
     """Whether localisation did not know the pose."""
     is_mapped: bool = True
     """Whether the pose was good enough for the map."""
+    closes_loop: bool = False
+    """Whether it moved earlier keyframes, because a place was seen again."""
     people: tuple[tuple[float, float, float, float, float], ...] = ()
     """Of each person in the scene: x [m], y [m], yaw [rad], phase of the gait [rad], swing of the limbs."""
     chair: tuple[float, float, float] | None = None

@@ -27,6 +27,7 @@ class LocalisationShape(Struct):
 
     state: str
     usable: bool
+    closes_loop: bool = False
     covariance_xy_m2: tuple[Number, Number, Number] | None = None
 
 

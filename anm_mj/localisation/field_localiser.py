@@ -197,17 +197,15 @@ class FieldLocaliser:
             noise = noise if math.isfinite(noise) else inverse_depth_noise(estimate.observation.depth_m) or 0.0
             self._key_images.add(self._map.find_moved(estimate.observation), noise, estimate.covariance)
         update = self._map.integrate(estimate.observation, effort)
-        if effort.is_keyframe:
-            self._correct(estimate.observation)
-        return update
+        return replace(update, closes_loop=effort.is_keyframe and self._correct(estimate.observation))
 
-    def _correct(self, observation: Observation) -> None:
-        """Add a keyframe to the graph, and move what it corrects."""
+    def _correct(self, observation: Observation) -> bool:
+        """Add a keyframe to the graph, and move what it corrects; whether that closes a loop."""
         graph = self.config.graph
         own = len(self._map.field.keyframes) == len(self._graph.poses) + 1
         # In a map that goes on from a prior run, that map says where everything is.
         if not own or not graph.is_on:
-            return
+            return False
         T, compared = observation.T_world_camera, self._compared
         if compared is None:
             rng, settings = np.random.default_rng([self._seed, 22]), self.config.registration
@@ -221,7 +219,7 @@ class FieldLocaliser:
         motion = Prior(T, covariance, self._basis) if self._is_chained else None
         self._is_chained = True
         if (correction := self._graph.add(compared, T, motion)) is None:
-            return
+            return False
         self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
         self._T_world_camera = correction.T_world_camera[-1]
         if correction.largest_m > graph.rebuild_m:
@@ -230,6 +228,7 @@ class FieldLocaliser:
                 _logger.info(text, observation.step, 100.0 * correction.largest_m)
             views = (image.view for image in self._key_images.images)
             self._map.rebuild(views, graph.rebuild_iterations, (correction.T_world_before, correction.T_world_camera))
+        return correction.closed
 
     def _compare(
         self,

@@ -133,20 +133,24 @@ class RunRecorder:
     def on_event(self, event: object) -> None:
         """Record an event; see :class:`anm_mj.events.Observer`."""
         if isinstance(event, Observed):
-            self.observation(event.observation, event.estimate)
+            self.observation(event.observation, event.estimate, closes_loop=event.update.closes_loop)
         elif isinstance(event, Decided):
             self.plan(event.step, event.plan)
         elif isinstance(event, Stepped):
             self.step(event.step, event.result, event.observation.pose, event.update, event.stage_ms)
 
-    def observation(self, observation: Observation, estimate: PoseEstimate | None = None) -> None:
-        """Record an observation; the first one comes before any action."""
+    def observation(
+        self, observation: Observation, estimate: PoseEstimate | None = None, *, closes_loop: bool = False
+    ) -> None:
+        """Record an observation, and whether it moved earlier keyframes; the first one comes before any action."""
         # Only the truth counts as seen, and only where the sensor gave a value.
         true = None if self._true_view is None else self._true_view()
         where = observation if true is None else true
         self.people.add(observation, true)
         depth_mm = reduce_depth(where.depth_m)
-        self.background.submit(lambda: self.log.observation(observation, true, depth_mm, estimate))
+        self.background.submit(
+            lambda: self.log.observation(observation, true, depth_mm, estimate, closes_loop=closes_loop)
+        )
         is_lost = estimate is not None and estimate.state is TrackingState.LOST
         believed = None if is_lost else observation.pose
         frame = observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose, believed

@@ -84,6 +84,8 @@ class RunLog:
         depth_mm: UInt16[np.ndarray, "rows cols"] | None = None,
         estimate: PoseEstimate | None = None,
         fit: Mapping[str, Any] | None = None,
+        *,
+        closes_loop: bool = False,
     ) -> None:
         """Record an observation; the first one comes before any action.
 
@@ -93,6 +95,7 @@ class RunLog:
             estimate: What localisation says of the pose; None where there is none.
             fit: How well the frame fits the map of those before it, by name; None = that was not looked at.
             depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
+            closes_loop: Whether it moved earlier keyframes.
         """
         if not self._num_frames:
             _write_camera(self._folder.camera, observation)
@@ -119,6 +122,7 @@ class RunLog:
                 "state": estimate.state,
                 "usable": estimate.usable,
                 "relocalised": estimate.relocalised,
+                "closes_loop": closes_loop,
                 "deviation_m": estimate.position_deviation_m,
                 "deviation_rad": estimate.rotation_deviation_rad,
                 "known": estimate.quality.known,

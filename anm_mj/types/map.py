@@ -144,3 +144,5 @@ class MapUpdate:
     """Total training loss of the last iteration; NaN when no iteration ran."""
     num_iterations: int
     num_keyframes: int
+    closes_loop: bool = False
+    """Whether earlier keyframes were moved, because a place was seen again."""

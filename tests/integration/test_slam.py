@@ -14,6 +14,7 @@ from anm_mj.io.curve_file import read_curve
 from anm_mj.io.explored_file import read_explored
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
+from anm_mj.localisation.keyframe_graph import Correction, KeyframeGraph
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.run import run
@@ -116,6 +117,20 @@ def kidnap(monkeypatch, at_step, forward_m, turn_rad):
         return act(self, action)
 
     monkeypatch.setattr(SimRobot, "act", moved)
+
+
+def test_loops_that_close_are_counted(scene, tmp_path, monkeypatch):
+    add = KeyframeGraph.add
+
+    def closing(self, *args):
+        """As if the second keyframe closed one, which moves nothing."""
+        add(self, *args)
+        return Correction((0, 1), self.poses, self.poses, closed=True) if len(self.poses) == 2 else None
+
+    monkeypatch.setattr(KeyframeGraph, "add", closing)
+    metrics = explore(scene, tmp_path / "run", steps=12)
+    assert metrics.loops_closed == 1
+    assert sum(frame.closes_loop for frame in read_run(tmp_path / "run").frames) == 1
 
 
 @pytest.mark.slow
