@@ -17,8 +17,10 @@ help: ## List the targets.
 demo: setup ## Explore a furnished house and show the result (SCENE=home STEPS=500 SEED=0).
 	@.venv/bin/anm-mj explore $(SCENE) --steps $(STEPS) --seed $(SEED)
 
-test: lint types ## Check style and types, run the tests (JOBS=2); minutes.
-	@$(python) -m pytest -n $(JOBS) -m "not slow"
+test: lint ## Check style, types (beside the tests), run the tests (JOBS=2); minutes.
+	@$(python) -m pyright & types=$$!; \
+		CHECKED_CALLS=some PYTHONDONTWRITEBYTECODE= $(python) -m pytest -n $(JOBS) -m "not slow"; tests=$$?; \
+		wait $$types || { echo "The types are not in order: see above."; exit 1; }; exit $$tests
 
 test-all: lint types ## The same with the slow tests.
 	@$(python) -m pytest -n $(JOBS)

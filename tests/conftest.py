@@ -1,4 +1,4 @@
-"""Runs before any test module: checks array shapes in every call and picks the GL back-end that mujoco will use."""
+"""Runs before any test module: checks array shapes in calls and picks the GL back-end that mujoco will use."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
-import tests.typechecker  # noqa: F401  The hook finds it by name, as an attribute of tests.
+import tests.typechecker  # The hook finds it by name, as an attribute of tests.
 
 # Each worker has a core to itself, where torch and BLAS would start a thread per core of the machine. They read
 # these once, when they are loaded; processes that tests start inherit them.
@@ -16,6 +16,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:
         os.environ.setdefault(_name, "1")
 
 # Only modules imported after this line are checked, so it stands before the first import of anm_mj.
+if os.environ.get("CHECKED_CALLS") == "some":
+    tests.typechecker.check_some_calls()
 install_import_hook("anm_mj", "tests.typechecker.check")
 
 from anm_mj.errors import RenderError  # noqa: E402
@@ -33,6 +35,10 @@ except RenderError as err:
 # shape checks and a busy machine make times meaningless.
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("repeatable")
+
+
+def pytest_runtest_setup():
+    tests.typechecker.next_test()
 
 
 @pytest.fixture(scope="session")
