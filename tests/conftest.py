@@ -1,5 +1,6 @@
 """Runs before any test module: checks array shapes in calls and picks the GL back-end that mujoco will use."""
 
+import functools
 import os
 from pathlib import Path
 
@@ -39,6 +40,26 @@ hypothesis.settings.load_profile("repeatable")
 
 def pytest_runtest_setup():
     tests.typechecker.next_test()
+
+
+@pytest.fixture(scope="module")
+def quick_results():
+    """Runs in this process end with a tenth of the samples on the mesh and with small pictures: to judge and to draw a
+    short run as a long one takes longer than the run.
+    """
+    from anm_mj.evaluation import run_evaluation
+    from anm_mj.viz import figure_file
+
+    judge, write = run_evaluation.mesh_quality, figure_file.write_figure
+
+    def write_small(figure, path, kind):
+        figure.set_dpi(20)
+        write(figure, path, kind)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_evaluation, "mesh_quality", functools.partial(judge, num_samples=20_000))
+        patch.setattr(figure_file, "write_figure", write_small)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.types import Pose2
 from tests.mapping.ray_room import TABLE, Room
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 CUPBOARD = (np.array([0.0, 2.4, 0.0]), np.array([1.2, 3.0, 1.9]))
 STEP = math.radians(10.0)
 

@@ -14,6 +14,8 @@ from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 CAMERA = Intrinsics.from_fov(64, 64, math.radians(90.0))
 
 

@@ -15,6 +15,8 @@ from anm_mj.sequence_check.correction import axes_matrix
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import camera_pose, room_depth
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 CAMERA = Intrinsics.from_fov(128, 96, math.radians(70.0))
 FRAMES = 30
 GAP = range(16, 24)

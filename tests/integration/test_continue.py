@@ -15,6 +15,8 @@ from anm_mj.resume import resume
 from tests.integration.test_kills import OFTEN, TINY, assert_same
 from tests.scene.small import make_small_scene
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 TIMES = ("wall_s", "hz", "evaluation_s", "peak_rss_mib", "stage_hz")
 
 

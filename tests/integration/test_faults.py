@@ -30,6 +30,8 @@ from tests.robots import let_wheel_stick
 from tests.scene.shapes import room
 from tests.scene.small import make_small_scene
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 MAY_MOUNT = (
     shutil.which("unshare") is not None
     and not subprocess.run(

@@ -25,6 +25,8 @@ from anm_mj.types import FREE, OCCUPIED
 from tests.public_scenes import PUBLIC_SCENES
 from tests.scene.small import make_small_scene
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 HOUSE = PUBLIC_SCENES / "aws_small_house.glb"
 """A scene of others; left out where it is missing."""
 TINY = (

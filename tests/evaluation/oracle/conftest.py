@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from anm_mj.evaluation.oracle import tour_planner
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.visibility import frame_bits
 from anm_mj.ground_truth.ground_truth import GroundTruth
@@ -13,6 +14,24 @@ from tests.ground_truth.test_observable import CAMERA_ON_BASE, box, joined
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="session")
+def known_bits():
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def bits_once(known_bits, monkeypatch):
+    """What is seen from the places of the rooms is computed once for all planners; it takes most of a plan."""
+
+    def bits(samples, places_m, rays):
+        key = samples.tobytes(), places_m.tobytes()
+        if key not in known_bits:
+            known_bits[key] = frame_bits(samples, places_m, rays)
+        return known_bits[key].copy()
+
+    monkeypatch.setattr(tour_planner, "frame_bits", bits)
 
 
 @pytest.fixture(scope="session")
