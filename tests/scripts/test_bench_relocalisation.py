@@ -31,6 +31,7 @@ def mapped(tmp_path_factory, tiny_config):
         yield neural_map, robot, scene
 
 
+@pytest.mark.slow
 def test_a_robot_that_starts_somewhere_is_found(mapped):
     trial = bench.starts_somewhere(*mapped, np.random.default_rng(0))
     assert trial.steps is not None
