@@ -147,6 +147,7 @@ class DepthOccupancy:
         self._kernels.carve(self.voxels, view, low, high, self._num_frames, heavy)
         if heavy.size:
             self._kernels.free_left(self.voxels, heavy, self._moved.heights, self._num_frames)
+            self._moved.free_left(self.voxels, self._num_frames)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
 
     def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:

@@ -25,9 +25,13 @@ from anm_mj.types import FREE, OCCUPIED, Observation
 NOISE_REACH = 4.0
 """Depth may be too short by so many standard deviations."""
 _HELD_M = 0.1, 1.5
-"""Heights between which what is held is an obstacle [m]."""
-_THING_M = 0.1, 2.2
-"""Heights between which things are that move [m]."""
+"""Heights between which what is held is an obstacle, and below which what is left of a thing is one [m]."""
+_THING_M = 0.05, 2.2
+"""Heights between which things are that move [m]: feet stand right above the floor."""
+_CONNECTED_M = 0.1
+"""Surface that hangs together begins at this height [m]: the floor and its noise hold everything together."""
+_LEAST_GONE, _GONE_SHARE = 6, 2
+"""In columns, three by three, at least so many voxels must have gone, and so many for each that is left."""
 _LEFT_M2 = 0.5
 """Surface that hangs together with no more than this may be left of a thing that moved [m2]: about the front of a
 person. Furniture hangs together with more of itself, walls or the floor of a room with far more."""
@@ -90,6 +94,45 @@ class MovedVoxels:
         last = np.concatenate((last[kept], np.full(len(keys), frame)))
         self._seen = known, last
 
+    def free_left(self, voxels: VoxelArrays, frame: int) -> None:
+        """Free what few frames have hit in columns that something which moved has left.
+
+        A foot that is seen before the space about it is known counts as surface, and from nearby the camera looks over
+        its place. Where most of what moved there was looked through since, this has gone, too. (Where the thing itself
+        was hit, ``native/moved_pixels.h`` does the same.)
+        """
+        keys, _ = self._seen
+        _, (layer, row, col) = voxels.cells_of(_places(keys))
+        gone = voxels.log_odds[layer, row, col] == -self._occupancy.limit
+        if not gone.any():
+            return
+        row, col = row[gone], col[gone]
+        # A margin, since columns beside those that were left count, too.
+        first_row, first_col = int(row.min()) - 2, int(col.min()) - 2
+        num_rows, num_cols = int(row.max()) + 3 - first_row, int(col.max()) + 3 - first_col
+        counts = np.bincount((row - first_row) * num_cols + col - first_col, minlength=num_rows * num_cols)
+        went = _about(counts.reshape(num_rows, num_cols))
+        row, col = np.nonzero(went >= _LEAST_GONE)
+        went, row, col = went[row, col], row + first_row, col + first_col
+        inside = (row >= 0) & (row < voxels.state.shape[1]) & (col >= 0) & (col < voxels.state.shape[2])
+        went, row, col = went[inside], row[inside], col[inside]
+        low, high = (min(max(z - int(voxels.corner[2]), 0), len(voxels.state)) for z in self.heights)
+        # Heads pass right below lintels, which few frames show.
+        top = max(round(_HELD_M[1] / self._occupancy.voxel_m) - int(voxels.corner[2]), low)
+        log_odds = voxels.log_odds[low:top, row, col]
+        weak = (voxels.state[low:top, row, col] == OCCUPIED) & (log_odds >= 0)
+        weak &= log_odds <= KNOWN_HITS * self._occupancy.hit
+        for k in np.flatnonzero(weak.any(axis=0)).tolist():
+            about = slice(low, high), *(slice(max(i - 1, 0), i + 2) for i in (int(row[k]), int(col[k])))
+            stays = np.count_nonzero((voxels.state[about] == OCCUPIED) & (voxels.log_odds[about] >= 0))
+            weak[:, k] &= went[k] >= _GONE_SHARE * stays
+        layer, which = np.nonzero(weak)
+        layer, row, col = layer + low, row[which], col[which]
+        voxels.log_odds[layer, row, col] = -self._occupancy.miss
+        voxels.state[layer, row, col] = FREE
+        voxels.num_hits[layer, row, col] = 0
+        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+
     def hold(self, voxels: VoxelArrays, discs: Float[np.ndarray, "n 3"], frame: int) -> None:
         """Take what moved last for an obstacle, and discs about x and y with a radius [m].
 
@@ -142,7 +185,7 @@ class MovedVoxels:
         low, high = (min(max(z - int(voxels.corner[2]), 0), len(voxels.state)) for z in self.heights)
         solid = voxels.state == OCCUPIED
         # The floor holds everything together.
-        solid[:low] = False
+        solid[: max(round(_CONNECTED_M / self._occupancy.voxel_m) - int(voxels.corner[2]), 0)] = False
         label = np.empty(solid.shape, np.int32)
         ndimage.label(solid, np.ones((3, 3, 3)), output=label)  # pyright: ignore[reportArgumentType]
         is_small = np.bincount(label.ravel()) <= _LEFT_M2 / self._occupancy.voxel_m**2
@@ -215,6 +258,21 @@ class MovedVoxels:
 def _keys(places: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
     """A number for each voxel; those of a grid have different ones, wherever it lies."""
     return (places[:, 0] << 42) + (places[:, 1] << 21) + places[:, 2]
+
+
+def _places(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, "n 3"]:
+    """The voxels that have these numbers."""
+    z = ((keys + (1 << 20)) & ((1 << 21) - 1)) - (1 << 20)
+    rest = (keys - z) >> 21
+    y = ((rest + (1 << 20)) & ((1 << 21) - 1)) - (1 << 20)
+    return np.stack(((rest - y) >> 21, y, z), axis=1)
+
+
+def _about(counts: Int64[np.ndarray, "rows cols"]) -> Int64[np.ndarray, "rows cols"]:
+    """Sums over columns, three by three."""
+    padded = np.pad(counts, 1)
+    rows, cols = counts.shape
+    return sum((padded[r : r + rows, c : c + cols] for r in range(3) for c in range(3)), np.zeros_like(counts))
 
 
 def _meet(places: Float[np.ndarray, "n 3"], others: Float[np.ndarray, "m 3"]) -> bool:

@@ -230,6 +230,25 @@ def test_what_the_camera_cannot_look_through_of_a_thing_goes_with_the_rest():
     assert not (states == OCCUPIED).any()
 
 
+@pytest.mark.parametrize(("frames", "state"), [(2, FREE), (3, OCCUPIED)])
+def test_a_foot_that_few_frames_took_for_surface_goes_with_the_thing_that_moved_above_it(frames, state):
+    """Two frames show the foot alone; then something hides it, and the thing above moves away."""
+    grid = new_grid()
+    low, high = slice(64, 96), slice(0, 64)
+    empty, foot, thing = view(), view(slice(40, 60)), view(slice(40, 60))
+    empty.depth_m[low] = thing.depth_m[low] = 0.6
+    foot.depth_m[high] = 0.6
+    fuse(grid, empty, 5)
+    fuse(grid, foot, frames)
+    at_foot = np.array([[THING_M, 0.0, height_m] for height_m in (0.05, 0.1, 0.2)])
+    assert (grid.state_at(at_foot) == OCCUPIED).all()
+
+    assert (fuse(grid, thing, 2).pixel_state == PixelState.MOVED).any()
+    assert (grid.state_at(at_foot) == OCCUPIED).all()
+    fuse(grid, empty)
+    assert (grid.state_at(at_foot) == state).all()
+
+
 def behind_curtain(seen: Observation) -> Observation:
     """A view whose columns 38 to 49 end at something near."""
     seen.depth_m[:, 38:50] = 0.6
