@@ -5,8 +5,6 @@ height and tilt are known; what is searched are x, y and the heading. A point sc
 occupied voxel, truncated; a point in unknown space by a constant.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

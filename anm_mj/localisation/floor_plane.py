@@ -1,7 +1,5 @@
 """How a camera is held above the floor that its depth shows: its height and tilt, without a pose."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which pixels of a frame are registered, and how far each is believed."""
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import replace

@@ -4,8 +4,6 @@ Where two frames overlap, their depth and grey values tell the motion between th
 just begun to learn what they show; the field keeps them all from drifting apart.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """How a frame stands to an earlier key image, by their images alone: what a pose graph is made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

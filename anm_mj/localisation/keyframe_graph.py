@@ -6,8 +6,6 @@ time; where they move a keyframe far, all poses are adjusted (loop closure). A m
 from the present pose is believed when several keyframes in a row say alike and the measurements on the way allow it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

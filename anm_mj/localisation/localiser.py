@@ -1,7 +1,5 @@
 """The stage's border: observation and prior go in; estimated pose, covariance and quality come out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable

@@ -1,7 +1,5 @@
 """What a robot does that does not know where it is: it turns on the spot until it is found, or gives up."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from anm_mj.types import TURN_STEP_RAD, Action, Plan, StopReason

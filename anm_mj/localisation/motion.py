@@ -1,7 +1,5 @@
 """Where a frame was probably taken, before it is looked at: the prior of its registration."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

@@ -1,7 +1,5 @@
 """Wheel odometry: the pose that a robot infers from its wheel encoders, without a map."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

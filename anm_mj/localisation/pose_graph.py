@@ -4,8 +4,6 @@ Gauss-Newton on the squared deviations of measured motions, each with a robust k
 Grisetti, Kuemmerle, Stachniss and Burgard, A Tutorial on Graph-Based SLAM, 2010.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

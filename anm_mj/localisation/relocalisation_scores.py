@@ -1,7 +1,5 @@
 """How well a frame fits a place where a lost camera may be, and from which scores on such a place is believed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ hypothesis moves on with the prior's motion and is registered again to every fra
 in a row confirm it and no other is nearly as good: a wrong place believed is worse than none.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Small motions of a camera, as displacement and rotation vector in the world."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

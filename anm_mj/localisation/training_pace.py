@@ -1,7 +1,5 @@
 """How much is trained on each frame while the camera is tracked, and which frames become keyframes."""
 
-from __future__ import annotations
-
 from anm_mj.localisation.localisation_config import TrackingConfig
 from anm_mj.types import TrainingEffort
 

@@ -6,8 +6,6 @@ other span the surface, as far as no depth edge lies between them. Walls and fur
 direction in the plane. Colour is not known here: a view of a picture on a wall binds more than this says.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 

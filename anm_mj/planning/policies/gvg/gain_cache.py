@@ -1,7 +1,5 @@
 """Expected gain per azimuth sector as last computed, one entry for each square of the plane."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 

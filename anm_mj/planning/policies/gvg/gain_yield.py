@@ -6,8 +6,6 @@ brought counts for those of which least is expected any more. A poor kind thus c
 expected to be as poor.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Float32
 
