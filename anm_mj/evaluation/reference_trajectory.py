@@ -57,4 +57,5 @@ def reference_error(frames: Sequence[FrameRecord], reference: Track) -> Trajecto
         100.0 * float(np.mean(shares))
         for shares in ([frame.is_lost for frame in frames], [not frame.is_mapped for frame in frames])
     )
-    return replace(error, lost_percent=lost, unmapped_percent=unmapped)
+    loops = sum(frame.closes_loop for frame in frames)
+    return replace(error, lost_percent=lost, unmapped_percent=unmapped, loops_closed=loops)

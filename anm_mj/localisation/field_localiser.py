@@ -195,7 +195,7 @@ class FieldLocaliser:
             # At first the map has not seen the sensor yet.
             noise = self._noise_per_m
             noise = noise if math.isfinite(noise) else inverse_depth_noise(estimate.observation.depth_m) or 0.0
-            self._key_images.add(self._map.find_moved(estimate.observation), noise, estimate.covariance)
+            self._key_images.add(estimate.observation, noise, estimate.covariance)
         update = self._map.integrate(estimate.observation, effort)
         return replace(update, closes_loop=effort.is_keyframe and self._correct(estimate.observation))
 

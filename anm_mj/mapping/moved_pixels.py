@@ -116,9 +116,9 @@ class MovedVoxels:
         went, row, col = went[row, col], row + first_row, col + first_col
         inside = (row >= 0) & (row < voxels.state.shape[1]) & (col >= 0) & (col < voxels.state.shape[2])
         went, row, col = went[inside], row[inside], col[inside]
-        low, high = (min(max(z - int(voxels.corner[2]), 0), len(voxels.state)) for z in self.heights)
+        low, high = (self._layer(voxels, height_m) for height_m in _THING_M)
         # Heads pass right below lintels, which few frames show.
-        top = max(round(_HELD_M[1] / self._occupancy.voxel_m) - int(voxels.corner[2]), low)
+        top = max(self._layer(voxels, _HELD_M[1]), low)
         log_odds = voxels.log_odds[low:top, row, col]
         weak = (voxels.state[low:top, row, col] == OCCUPIED) & (log_odds >= 0)
         weak &= log_odds <= KNOWN_HITS * self._occupancy.hit
@@ -132,6 +132,10 @@ class MovedVoxels:
         voxels.state[layer, row, col] = FREE
         voxels.num_hits[layer, row, col] = 0
         voxels.column_version[row // BLOCK, col // BLOCK] = frame
+
+    def _layer(self, voxels: VoxelArrays, height_m: float) -> int:
+        """The layer that begins at a height, or the nearest that the voxels have, or their number."""
+        return min(max(round(height_m / self._occupancy.voxel_m) - int(voxels.corner[2]), 0), len(voxels.state))
 
     def hold(self, voxels: VoxelArrays, discs: Float[np.ndarray, "n 3"], frame: int) -> None:
         """Take what moved last for an obstacle, and discs about x and y with a radius [m].
@@ -182,10 +186,10 @@ class MovedVoxels:
         columns = self._columns(voxels, self._ever)
         if not columns.any():
             return False
-        low, high = (min(max(z - int(voxels.corner[2]), 0), len(voxels.state)) for z in self.heights)
+        low, high = (self._layer(voxels, height_m) for height_m in _THING_M)
         solid = voxels.state == OCCUPIED
         # The floor holds everything together.
-        solid[: max(round(_CONNECTED_M / self._occupancy.voxel_m) - int(voxels.corner[2]), 0)] = False
+        solid[: self._layer(voxels, _CONNECTED_M)] = False
         label = np.empty(solid.shape, np.int32)
         ndimage.label(solid, np.ones((3, 3, 3)), output=label)  # pyright: ignore[reportArgumentType]
         is_small = np.bincount(label.ravel()) <= _LEFT_M2 / self._occupancy.voxel_m**2

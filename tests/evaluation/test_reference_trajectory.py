@@ -1,5 +1,7 @@
 """The error of a tracked camera against poses that somebody else measured, in a world and at times of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -71,6 +73,12 @@ def test_lost_frames_count_in_their_share_alone(reference):
     assert found.position_rmse_cm < 0.01
     assert found.lost_percent == pytest.approx(100.0 * 3 / len(wrong))
     assert found.unmapped_percent == found.lost_percent
+
+
+def test_loops_count_where_the_reference_has_no_pose_too(reference):
+    beyond = frames(last_s=4.0)
+    closing = [*beyond[:-1], replace(beyond[-1], closes_loop=True)]
+    assert error_of(closing, reference).loops_closed == 1
 
 
 def test_a_reference_of_other_times_says_nothing(reference, tmp_path):
