@@ -9,35 +9,27 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pose_matrix, wrap_angle
+from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.fit_history import FitHistory
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
+from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
+from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.occupancy_agreement import REACH_M, agreement
-from anm_mj.localisation.registration import (
-    FREE,
-    PLANAR,
-    Prior,
-    Registration,
-    is_jump,
-    may_be_wrong,
-    register,
-    register_from_several,
-    rotation_search,
-)
+from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, register
+from anm_mj.localisation.registration_starts import is_jump, registered
 from anm_mj.localisation.relocalisation_scores import Hypothesis, frame_score
 from anm_mj.localisation.relocaliser import Relocaliser, possible_tilts
 from anm_mj.localisation.training_pace import TrainingPace
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.depth_noise import inverse_depth_noise
 from anm_mj.types import MapUpdate, Observation, Pose2
 
 if TYPE_CHECKING:
@@ -59,7 +51,7 @@ class FieldLocaliser:
     The first frame's pose is taken as it comes: it defines the world.
     """
 
-    REBUILT = ("_map", "_base_pose", "_compared")
+    REBUILT = ("_map", "_probe", "_base_pose", "_compared")
 
     def __init__(
         self,
@@ -95,7 +87,7 @@ class FieldLocaliser:
                 "cpu, and a policy without a map of its own kind."
             )
         self.config = config
-        self._map = neural_map
+        self._map, self._probe = neural_map, MapProbe(neural_map)
         self._seed = seed
         self._basis = PLANAR if planar else FREE
         self._odometry = odometry
@@ -112,6 +104,9 @@ class FieldLocaliser:
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
+        self._compass = WallCompass(config.compass, self._basis)
+        self._headings: Headings | None = None
+        """Of the last frame."""
         self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
         self._compared: FrameToImages | None = None
         """The last frame, for a comparison with earlier ones; needed until it is integrated."""
@@ -138,9 +133,12 @@ class FieldLocaliser:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
+            first = Prior(observation.T_world_camera, self._covariance, self._basis)
+            self._headings = self._compass.look(observation, first, self._probe.noise_of(observation)).headings
+            self._compass.learn(observation.T_world_camera, _FIRST_DEVIATION)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
-        noise = self._noise_per_m
+        noise = self._probe.noise_per_m
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
         static_view = observation
@@ -151,22 +149,22 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
+        prior = self._compass.look(static_view, prior, self._probe.noise_of(static_view))
+        self._headings = prior.headings
         image = key_image(observation, self.config.key_images.longest_px, noise)
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
-        align, known = self._map.backend.align, self._known
-        start = None if extra is None else rotation_search(prior, extra, settings)
-        found = register(points, prior, align, known, settings, extra, start)
-        if may_be_wrong(prior, found, self._history.costs, settings):
-            found = register_from_several(points, prior, align, known, self._contradicted, settings, extra, rng, found)
+        align, known = self._probe.align, self._probe.known
+        arguments = points, prior, align, known, self._probe.contradicted, settings, extra
+        found = registered(*arguments, self._history.costs, rng)
         confirmed = False
         if far is not None and is_jump(prior, found, settings):
             # Perhaps it was odometry that jumped, and two frames in a row say so.
-            follows = self._prior(observation, far)
+            follows = replace(self._prior(observation, far), headings=prior.headings)
             again = register(points, follows, align, known, settings, extra, found.T_world_camera)
             confirmed = not is_jump(follows, again, settings)
             prior, found = (follows, again) if confirmed else (prior, found)
-        fits = agreement(points.camera_m, found.T_world_camera, self._map.occupancy.by_depth)
+        fits = self._probe.agreement(points, found.T_world_camera)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
@@ -183,6 +181,7 @@ class FieldLocaliser:
         self._history.add(found.mean_cost, score)
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
+        self._compass.learn(found.T_world_camera, self._deviations[1])
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
         T_world_camera = estimate.observation.T_world_camera
         self._key_images.see(replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance))
@@ -192,10 +191,8 @@ class FieldLocaliser:
         """Take a usable frame into the map; see the protocol."""
         effort = self._pace.next(estimate.quality.known)
         if effort.is_keyframe:
-            # At first the map has not seen the sensor yet.
-            noise = self._noise_per_m
-            noise = noise if math.isfinite(noise) else inverse_depth_noise(estimate.observation.depth_m) or 0.0
-            self._key_images.add(estimate.observation, noise, estimate.covariance)
+            seen = estimate.observation
+            self._key_images.add(seen, self._probe.noise_of(seen), estimate.covariance)
         update = self._map.integrate(estimate.observation, effort)
         return replace(update, closes_loop=effort.is_keyframe and self._correct(estimate.observation))
 
@@ -209,7 +206,7 @@ class FieldLocaliser:
         T, compared = observation.T_world_camera, self._compared
         if compared is None:
             rng, settings = np.random.default_rng([self._seed, 22]), self.config.registration
-            points = draw_points(observation, settings.num_points, self._noise_per_m, settings.range_m, rng)
+            points = draw_points(observation, settings.num_points, self._probe.noise_per_m, settings.range_m, rng)
             known = Prior(T, np.zeros_like(self._covariance), self._basis)
             compared = self._compare(observation, self._key_images.images[-1], points, known, rng)
             assert compared is not None
@@ -218,7 +215,7 @@ class FieldLocaliser:
         covariance = self._basis.T @ np.diag(deviations**2) @ self._basis
         motion = Prior(T, covariance, self._basis) if self._is_chained else None
         self._is_chained = True
-        if (correction := self._graph.add(compared, T, motion)) is None:
+        if (correction := self._graph.add(compared, T, motion, self._headings)) is None:
             return False
         self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
         self._T_world_camera = correction.T_world_camera[-1]
@@ -245,7 +242,7 @@ class FieldLocaliser:
         self._key_images.refer_to(images, T)
         if not images and not self.config.graph.is_on:
             return None
-        noise = self._noise_per_m
+        noise = self._probe.noise_per_m
         image_points = draw_points(static_view, config.num_points, noise, self.config.registration.range_m, rng)
         depth_share = min(1.0, len(points) / max(1, len(image_points)))
         return FrameToImages(
@@ -259,8 +256,8 @@ class FieldLocaliser:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
         tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
-        align, usual = self._map.backend.align, self._history.usual_score
-        believed = finder.look(points, tilts, self._basis, align, self._known, by_depth, usual)
+        align, known, usual = self._probe.align, self._probe.known, self._history.usual_score
+        believed = finder.look(points, tilts, self._basis, align, known, by_depth, usual)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
         finder.restart()
@@ -284,17 +281,6 @@ class FieldLocaliser:
             return moved_by_odometry(*before, self._basis, self._T_odometry, T_now, self.config.motion, self._scale)
         return moved_at_constant_velocity(*before, self._basis, self._T_last_now, self.config.motion, self._scale)
 
-    def _contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-        return float(np.mean(agreement(points.camera_m, T_world_camera, self._map.occupancy.by_depth).contradicted))
-
-    @property
-    def _noise_per_m(self) -> float:
-        """Deviation of the sensor's depth, by its square [1/m]; infinite before the map has seen it."""
-        return self._map.occupancy.by_depth.noise.value
-
-    def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
-
     def _predicted(
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool
     ) -> PoseEstimate:
@@ -310,8 +296,13 @@ class FieldLocaliser:
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
 
+    @property
+    def _deviations(self) -> tuple[float, float]:
+        """Of the pose within the map [m, rad]."""
+        return largest_deviations(self._basis @ self._covariance @ self._basis.T)
+
     def _is_sure(self) -> bool:
-        position, rotation = largest_deviations(self._basis @ self._covariance @ self._basis.T)
+        position, rotation = self._deviations
         tracking = self.config.tracking
         return position <= tracking.most_deviation_m and rotation <= tracking.most_deviation_rad
 
@@ -330,10 +321,9 @@ class FieldLocaliser:
         if found is not None:
             quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(observation, T_world_camera))
-        covariance = self._basis @ self._covariance @ self._basis.T
-        position_m, rotation_rad = largest_deviations(covariance)
+        position_m, rotation_rad = self._deviations
         told = replace(placed, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
-        covariance = covariance + self._key_images.map_covariance(T_world_camera)
+        covariance = self._basis @ self._covariance @ self._basis.T + self._key_images.map_covariance(T_world_camera)
         usable = usable and self._state is TrackingState.TRACKING
         return PoseEstimate(told, covariance, quality, self._state, usable)
 

@@ -12,11 +12,13 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.key_images import KeyImage, KeyImages
 from anm_mj.localisation.keyframe_edges import measured
 from anm_mj.localisation.localisation_config import GraphConfig
 from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised
 from anm_mj.localisation.registration import Prior
+from anm_mj.localisation.se3 import moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
 _TRIAL_ITERATIONS = 2
@@ -65,7 +67,11 @@ class KeyframeGraph:
         """Keyframes that showed an old place again."""
 
     def add(
-        self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"], motion: Prior | None
+        self,
+        compared: FrameToImages,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        motion: Prior | None,
+        headings: Headings | None = None,
     ) -> Correction | None:
         """Add the frame that was last kept as a key image; returns which poses change by it.
 
@@ -73,6 +79,7 @@ class KeyframeGraph:
             compared: Compares its points with images.
             T_world_camera: Its estimated pose.
             motion: What odometry says of its pose, from that of the keyframe before; None = nothing.
+            headings: What walls say of its heading; None = nothing.
         """
         node = len(self.poses)
         self.poses = np.concatenate((self.poses, T_world_camera[None]))
@@ -83,6 +90,8 @@ class KeyframeGraph:
             self.edges.append(
                 self._edge(node - 1, node, motion.T_world_camera, self._full(np.linalg.inv(motion.covariance)))
             )
+        if headings is not None:
+            self.edges += self._heading_edges(headings, node)
         near, old = self._chosen(compared.points, T_world_camera, node)
         covariance = self._basis.T @ np.diag([_LOOP_M**2] * 3 + [_LOOP_RAD**2] * 3) @ self._basis
         loops: list[Edge] = []
@@ -170,6 +179,15 @@ class KeyframeGraph:
         by_age = sorted(recent[half:], key=lambda image: image.node)
         near = recent[:half] + by_age[: self.config.images - num_old - half]
         return near, old[:num_old]
+
+    def _heading_edges(self, headings: Headings, node: int) -> list[Edge]:
+        """From the first keyframe, which holds the directions of walls."""
+        edges: list[Edge] = []
+        for turn, deviation in zip(headings.turns_rad, headings.deviations_rad, strict=True):
+            T = moved_camera(headings.T_world_camera, np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn]))
+            edge = self._edge(0, node, T, np.diag([0.0, 0.0, 0.0, 0.0, 0.0, deviation**-2]))
+            edges.append(replace(edge, kernel=headings.kernels[1]))
+        return edges
 
     def _edge(
         self, first: int, second: int, T_world_second: Float[np.ndarray, "4 4"], information: Float64[np.ndarray, "6 6"]

@@ -39,6 +39,8 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
     search_least_rad: float = 0.008
     """A rotation with a larger standard deviation is searched for by earlier images first [rad]."""
+    search_least_view_rad: float = 0.016
+    """As is a displacement with a larger one, as seen from the camera at the median depth of the frame [rad]."""
     retry_cost: float = setting(2.0, at_least=1.0)
     """A frame that costs more than this many times what frames cost of late may be in a wrong place: it is registered
     from several starts."""
@@ -124,6 +126,34 @@ class MotionConfig(Settings, group="localisation.motion", error=MapError):
     """Constant velocity: and at least this, of the displacement [m]."""
     free_rotation_rad: float = 0.015
     """Constant velocity: and at least this, of the rotation [rad]."""
+
+
+@dataclass(frozen=True)
+class CompassConfig(Settings, group="localisation.compass", error=MapError):
+    """How far walls that are parallel to earlier ones tell the heading; only of a base on the floor."""
+
+    is_on: bool = True
+    """Whether they are asked."""
+    deviation_rad: float = 0.0005
+    """Standard deviation of a wall's direction from that of others like it, at least [rad]."""
+    noise_share: float = 1.5
+    """What the pixels' noise explains of it counts so many times, as they err together."""
+    most_deviation_rad: float = 0.0012
+    """Walls whose direction that leaves more uncertain have no say [rad]."""
+    apart_rad: float = 0.01
+    """Walls that deviate by more from every known direction have one of their own [rad]."""
+    alone_rad: float = 0.06
+    """Of directions that are nearer to each other only one that prevails tells headings [rad]."""
+    learn_walls: int = setting(40, at_least=1, at_most=10_000)
+    """A direction is the mean over so many walls that had it first."""
+    reach_deviations: float = 4.0
+    """A heading counts that deviates from the prior's by at most so many standard deviations,"""
+    most_turn_rad: float = 0.3
+    """and by at most this [rad]."""
+    first_kernel: float = 10.0
+    """Width of the kernel on headings at first, in standard deviations."""
+    kernel: float = 3.0
+    """Width of it at the end: walls that are not quite parallel lose their say."""
 
 
 @dataclass(frozen=True)
@@ -270,6 +300,7 @@ class LocalisationConfig:
     registration: RegistrationConfig = RegistrationConfig()
     key_images: KeyImageConfig = KeyImageConfig()
     motion: MotionConfig = MotionConfig()
+    compass: CompassConfig = CompassConfig()
     tracking: TrackingConfig = TrackingConfig()
     graph: GraphConfig = GraphConfig()
     relocalisation: RelocalisationConfig = RelocalisationConfig()

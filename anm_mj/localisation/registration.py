@@ -7,8 +7,7 @@ distances shrinks from step to step, so that a wrong start finds the surface and
 from __future__ import annotations
 
 import math
-import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from anm_mj.localisation.frame_points import with_trust
+from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.localisation.se3 import camera_motion, moved_camera
@@ -76,14 +76,10 @@ class Extra(Protocol):
         ...
 
 
-Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
-"""Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
 _COARSE_STEP = 3
 """Of so many points one is registered at first."""
-_SAME_M, _SAME_RAD = 0.01, 0.01
-"""Searches that end so near to each other have found the same place."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
 """Directions of motion of a base on the floor: along world x and y, and about z."""
 FREE = np.eye(6)
@@ -101,6 +97,8 @@ class Prior:
     """Directions of motion, by displacement [m], then rotation vector [rad] in the world; others are certain."""
     motion_covariance: Float64[np.ndarray, "k k"] | None = None
     """The part of the covariance that the last motion brought; None where there was none."""
+    headings: Headings | None = None
+    """What walls say of it, which may be wrong."""
 
     @property
     def deviations(self) -> tuple[float, float]:
@@ -132,6 +130,8 @@ class Registration:
     """Of the field, and of what is added to it."""
     prior_cost: float
     """Squared deviation from the prior, in squared standard deviations."""
+    heading_cost: float = 0.0
+    """Robust cost of what walls say of the heading, likewise."""
 
     @property
     def mean_cost(self) -> float:
@@ -177,7 +177,12 @@ def register(
             more = extra(T, settings.kernel, share < 1.0)
             full, slope = full + more.hessian, slope + more.gradient
             fits.append(fit(more.cost, more.num_points, len(extra)))
-        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), fits
+        full, slope = config.information * full, config.information * slope
+        if prior.headings is not None:
+            headings = prior.headings.sums(T, share)
+            full[5, 5] += headings.information
+            slope[5] += headings.slope
+        return found, basis.T @ full @ basis, basis.T @ slope, fits
 
     # While the kernel is wide, fewer points find the place.
     all_points, all_extra = points, extra
@@ -206,6 +211,7 @@ def register(
     close = distance[np.abs(distance) < 3 * cut]
     rmse = float(np.sqrt(np.mean(close**2))) if len(close) else float("nan")
     prior_cost = float(offset @ information @ offset)
+    heading_cost = 0.0 if prior.headings is None else prior.headings.sums(T).cost
     worst = config.settings(share).kernel ** 2
     root = np.linalg.cholesky(prior.covariance)
     gain = np.linalg.eigvalsh(root.T @ hessian @ root)
@@ -221,122 +227,12 @@ def register(
         config.information
         * len(points)
         * sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
-        + prior_cost,
+        + prior_cost
+        + heading_cost,
         tuple(fits),
         prior_cost,
+        heading_cost,
     )
-
-
-def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
-    """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
-
-    A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
-    turn, with the displacement that goes with it.
-    """
-    few = extra.subsample(config.retry_points)
-    information = np.linalg.inv(prior.covariance)
-
-    def looks(offset: Float[np.ndarray, " k"]) -> tuple[float, float]:
-        """Cost of an offset, and the points that take part."""
-        sums = few(moved_camera(prior.T_world_camera, prior.basis @ offset), config.first_kernel, True)
-        # Off the right place depth says more about the displacement than about the rotation, and leads astray.
-        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
-        return config.information * len(extra) * mean + float(offset @ information @ offset), sums.num_points
-
-    best = np.zeros(len(prior.covariance))
-    for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
-        deviation = float(np.sqrt(prior.covariance[axis, axis]))
-        if deviation < config.search_least_rad:
-            continue
-        offsets = best + np.linspace(-3.0, 3.0, 13)[:, None] * prior.covariance[axis] / deviation
-        costs, counts = np.array([looks(offset) for offset in offsets]).T
-        # A turn costs overlap, which says nothing against it; but few points may fit anywhere.
-        costs[counts < 0.5 * counts.max()] = np.inf
-        best = offsets[int(np.argmin(costs))]
-    return moved_camera(prior.T_world_camera, prior.basis @ best)
-
-
-def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:
-    """Whether a pose is too far from its prior to be believed of one frame."""
-    return found.prior_cost > config.most_prior * len(prior.covariance)
-
-
-def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
-    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior.
-
-    Args:
-        prior: Of the frame.
-        found: Its registration.
-        costs: A point's, of the last frames.
-        config: Settings.
-    """
-    position, rotation = prior.deviations
-    vague = position > config.retry_least_m or rotation > config.retry_least_rad
-    usual = statistics.median(costs) if costs else 0.0
-    dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)
-    return dear or found.prior_cost > config.retry_prior * len(prior.covariance)
-
-
-def register_from_several(
-    points: FramePoints,
-    prior: Prior,
-    align: Aligner,
-    known: Known,
-    contradicted: Contradicted,
-    config: RegistrationConfig,
-    extra: Extra | None,
-    rng: np.random.Generator,
-    first: Registration,
-) -> Registration:
-    """The likeliest of a registration and of those from starts that are drawn about the prior.
-
-    No more starts are drawn once several have led to the best place so far.
-
-    A wrong pose may fit nearly as many points as the right one. Costs of poses that bring different points to known
-    surface compare as follows: a point that the map contradicts costs as much as the worst of outliers, one in unknown
-    space as much as the first pose's points on average.
-
-    Args:
-        points: Pixels of the frame.
-        prior: What is known of its pose.
-        align: The field.
-        known: Which places of the field can be trusted.
-        contradicted: Which share of points at a pose is at odds with the map.
-        config: Settings.
-        extra: Adds to the normal equations.
-        rng: Draws the starts.
-        first: From the prior.
-    """
-    few = points.every(max(1, len(points) // config.retry_points))
-    few_extra = extra and extra.every(max(1, len(extra) // config.retry_points))
-
-    def cost(found: Registration) -> float:
-        if is_jump(prior, found, config):
-            return np.inf
-        at_odds = (contradicted(few, found.T_world_camera), 0.0)
-        total = 0.0
-        for now, usual, wrong in zip(found.fits, first.fits, at_odds, strict=False):
-            taken = min(now.share, 1.0 - wrong)
-            total += taken * now.mean_cost + wrong * config.kernel**2 + (1.0 - taken - wrong) * usual.mean_cost
-        return config.information * len(points) * total + found.prior_cost
-
-    best, lowest, times = first, config.retry_gain * cost(first), 0
-    least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
-    deviations = np.maximum(least, config.retry_deviations * np.sqrt(np.diag(prior.covariance)))
-    for _ in range(config.retry_starts):
-        offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
-        start = moved_camera(prior.T_world_camera, offset)
-        found = register(few, prior, align, known, config, few_extra, start)
-        off, value = camera_motion(best.T_world_camera, found.T_world_camera), cost(found)
-        is_same = math.hypot(*off[:3].tolist()) < _SAME_M and math.hypot(*off[3:].tolist()) < _SAME_RAD
-        if value < lowest:
-            best, lowest, times = found, value, times + 1 if is_same else 1
-        else:
-            # All may have come back to a place that nobody believes.
-            times += is_same and lowest < np.inf
-        if times >= config.retry_agreeing:
-            break
-    return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
 
 
 def _world(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:

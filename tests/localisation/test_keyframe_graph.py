@@ -8,6 +8,7 @@ import pytest
 
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
+from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import Correction, KeyframeGraph
 from anm_mj.localisation.localisation_config import GraphConfig, KeyImageConfig
@@ -161,3 +162,30 @@ def test_a_loop_needs_several_keyframes_that_say_alike() -> None:
     graph = way()
     assert [graph._take_loops([one]) for one in small] == [False, False, True]
     assert len(graph.edges) == 29 + len(small)
+
+
+def test_walls_hold_the_headings_of_keyframes() -> None:
+    """A row of keyframes that bends as it goes, measured from one to the next with that error."""
+    bend, count = 0.002, 20
+    observation = Room().observe(1.5, 1.5, 0.0, size=64)
+
+    def graph_of(walls: bool) -> KeyframeGraph:
+        images = KeyImages(KeyImageConfig())
+        graph = KeyframeGraph(GraphConfig(adjust=True, window=count), images, PLANAR)
+        T = observation.T_world_camera
+        for step in range(count):
+            straight = moved_camera(observation.T_world_camera, np.array([0.05 * step, 0.0, 0.0, 0.0, 0.0, 0.0]))
+            images.add(replace(observation, T_world_camera=T), 0.0)
+            points = draw_points(observation, 50, 0.0, 0.1, np.random.default_rng(step))
+            compared = FrameToImages(images, [], points, coarse_gray_at(images.images[-1], points), 0.0, 1.0)
+            headings = Headings(straight, (0.0,), (0.0005,), (10.0, 3.0)) if walls else None
+            graph.add(compared, T, Prior(T, STEP_COVARIANCE, PLANAR) if step else None, headings)
+            T = moved_camera(graph.poses[-1], np.array([0.05, 0.0, 0.0, 0.0, 0.0, bend]))
+        return graph
+
+    def last_heading(graph: KeyframeGraph) -> float:
+        R = graph.poses[-1][:3, :3] @ observation.T_world_camera[:3, :3].T
+        return abs(math.atan2(R[1, 0], R[0, 0]))
+
+    assert last_heading(graph_of(walls=False)) > 0.9 * bend * (count - 1)
+    assert last_heading(graph_of(walls=True)) < 1.5 * bend

@@ -1,5 +1,6 @@
 """Which of several registrations is believed: with a field of one dimension that has a false minimum."""
 
+import math
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import PLANAR, Prior, register, register_from_several
+from anm_mj.localisation.registration import PLANAR, Prior, Sums, register
+from anm_mj.localisation.registration_starts import displacement_search, register_displaced, register_from_several
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
 RIGHT_M, FALSE_M = 0.0, 0.1
@@ -96,3 +98,55 @@ def test_a_jump_is_not_taken() -> None:
     assert register_from_several(*arguments, wide, None, rng(1), first) is first
     far = register_from_several(*arguments, replace(wide, most_prior=1e6), None, rng(1), first)
     assert abs(far.T_world_camera[0, 3] - RIGHT_M) < 0.02
+
+
+class NarrowPicture:
+    """An image before a wall along y: its grey values lead to the right place from 3 mm away, its depth to x alone."""
+
+    has_gray = True
+
+    def __len__(self) -> int:
+        return 3000
+
+    def __call__(self, T_world_camera: np.ndarray, kernel: float, coarse: bool) -> Sums:
+        x, y = T_world_camera[:2, 3].tolist()
+        near = math.exp(-0.5 * (y / 0.003) ** 2)
+        hessian, gradient = np.zeros((6, 6)), np.zeros(6)
+        hessian[0, 0], hessian[1, 1] = 1e8, 1e7 * near + 1e3
+        gradient[0], gradient[1] = 1e8 * x, 1e7 * near * y
+        gray = 1.0 - near
+        return Sums(hessian, gradient, 3000.0 * gray, 3000.0, gray)
+
+    def every(self, step: int) -> "NarrowPicture":
+        return self
+
+    def subsample(self, num_points: int) -> "NarrowPicture":
+        return self
+
+
+def silent(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettings) -> NormalEquations:
+    """A field that knows nothing of the place."""
+    none = np.zeros(len(points), np.float32)
+    return NormalEquations(np.zeros((2, 6, 6)), np.zeros((2, 6)), np.zeros((2, 3)), none)
+
+
+def test_a_displacement_before_a_near_wall_is_looked_for() -> None:
+    points, T = frame(), np.eye(4)
+    T[1, 3] = 0.03
+    prior = Prior(T, np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
+    arguments = points, prior, silent, lambda at: np.ones(len(at), bool)
+    picture = NarrowPicture()
+    first = register(*arguments, CONFIG, picture)
+    assert abs(first.T_world_camera[1, 3]) > 0.02
+    found = register_displaced(*arguments, lambda _points, _T: 0.0, CONFIG, picture, first)
+    assert abs(found.T_world_camera[1, 3]) < 0.004
+    assert abs(found.T_world_camera[0, 3]) < 0.001
+
+
+def test_a_displacement_that_is_known_is_not_looked_for() -> None:
+    prior = Prior(np.eye(4), np.diag([0.02, 0.005, 0.001]) ** 2, PLANAR)
+    assert displacement_search(frame(), prior, NarrowPicture(), CONFIG, np.eye(4)) is None
+    far = replace(frame(), camera_m=10.0 * frame().camera_m)
+    prior = Prior(np.eye(4), np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
+    assert displacement_search(frame(), prior, NarrowPicture(), CONFIG, np.eye(4)) is not None
+    assert displacement_search(far, prior, NarrowPicture(), CONFIG, np.eye(4)) is None

@@ -1,0 +1,246 @@
+"""Where a registration begins that may end in a false minimum: a rotation is searched for, or several starts tried."""
+
+import math
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.localisation.localisation_config import RegistrationConfig
+from anm_mj.localisation.registration import Aligner, Extra, Known, Prior, Registration, register
+from anm_mj.localisation.se3 import camera_motion, moved_camera
+from anm_mj.mapping.alignment import FramePoints
+
+Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
+"""Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
+_SAME_M, _SAME_RAD = 0.01, 0.01
+"""Searches that end so near to each other have found the same place."""
+_MOST_STEPS = 40
+"""Places on either side that a displacement is looked for at, at most."""
+
+
+def registered(
+    points: FramePoints,
+    prior: Prior,
+    align: Aligner,
+    known: Known,
+    contradicted: Contradicted,
+    config: RegistrationConfig,
+    extra: Extra | None,
+    costs: Sequence[float],
+    rng: np.random.Generator,
+) -> Registration:
+    """The likeliest pose of a frame, sought from where its prior and its doubts ask for.
+
+    Args:
+        points: Pixels of the frame.
+        prior: What is known of its pose.
+        align: The field.
+        known: Which places of the field can be trusted.
+        contradicted: Which share of points at a pose is at odds with the map.
+        config: Settings.
+        extra: Adds to the normal equations.
+        costs: A point's, of the last frames.
+        rng: Draws starts.
+    """
+    start = None if extra is None else rotation_search(prior, extra, config)
+    found = register(points, prior, align, known, config, extra, start)
+    if extra is not None:
+        found = register_displaced(points, prior, align, known, contradicted, config, extra, found)
+    if may_be_wrong(prior, found, costs, config):
+        found = register_from_several(points, prior, align, known, contradicted, config, extra, rng, found)
+    return found
+
+
+def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
+    """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
+
+    A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
+    turn, with the displacement that goes with it.
+    """
+    few = extra.subsample(config.retry_points)
+    information = np.linalg.inv(prior.covariance)
+    headings = prior.headings
+
+    def looks(offset: Float[np.ndarray, " k"]) -> tuple[float, float]:
+        """Cost of an offset, and the points that take part."""
+        T = moved_camera(prior.T_world_camera, prior.basis @ offset)
+        sums = few(T, config.first_kernel, True)
+        # Off the right place depth says more about the displacement than about the rotation, and leads astray.
+        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
+        walls = 0.0 if headings is None else headings.sums(T).cost
+        return config.information * len(extra) * mean + float(offset @ information @ offset) + walls, sums.num_points
+
+    best = np.zeros(len(prior.covariance))
+    for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
+        deviation = float(np.sqrt(prior.covariance[axis, axis]))
+        if deviation < config.search_least_rad:
+            continue
+        turns = np.linspace(-3.0, 3.0, 13) * deviation
+        if headings is not None:
+            # Headings are sharper than the spacing.
+            turns = np.concatenate((turns, headings.turns_rad))
+        offsets = best + turns[:, None] * prior.covariance[axis] / deviation**2
+        costs, counts = np.array([looks(offset) for offset in offsets]).T
+        # A turn costs overlap, which says nothing against it; but few points may fit anywhere.
+        costs[counts < 0.5 * counts.max()] = np.inf
+        best = offsets[int(np.argmin(costs))]
+    return moved_camera(prior.T_world_camera, prior.basis @ best)
+
+
+def displacement_search(
+    points: FramePoints,
+    prior: Prior,
+    extra: Extra,
+    config: RegistrationConfig,
+    T_world_camera: Float[np.ndarray, "4 4"],
+) -> Float[np.ndarray, "4 4"] | None:
+    """Where the last image puts a camera whose displacement is vague, along what that image constrains least.
+
+    Before a near wall a centimetre is a few pixels, which is a picture's basin: a displacement along the wall has to be
+    looked for. By grey values, if there are any: what slides out of view takes its cost in depth along.
+
+    Args:
+        points: Pixels of the frame.
+        prior: Of its pose.
+        extra: The images.
+        config: Settings.
+        T_world_camera: Where the search begins; its rotation is kept.
+
+    Returns:
+        The place that costs least; None if the displacement is known to some pixels.
+    """
+    few = extra.subsample(config.retry_points)
+    free = np.flatnonzero(np.any(prior.basis[:3] != 0.0, axis=0))
+    if not len(free):
+        return None
+    bound = prior.basis[:, free].T @ few(T_world_camera, config.kernel, False).hessian @ prior.basis[:, free]
+    direction = np.zeros(len(prior.covariance))
+    direction[free] = np.linalg.eigh(bound)[1][:, 0]
+    deviation = math.sqrt(float(direction @ prior.covariance @ direction))
+    least = config.search_least_view_rad * float(np.median(points.camera_m[:, 2]))
+    if deviation < least:
+        return None
+    information = np.linalg.inv(prior.covariance)
+    begin = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
+    costs: list[float] = []
+    count = min(math.ceil(6.0 * deviation / least), _MOST_STEPS)
+    steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1)
+    for step in steps.tolist():
+        sums = few(moved_camera(T_world_camera, prior.basis @ (step * direction)), config.kernel, False)
+        offset = begin + step * direction
+        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
+        costs.append(config.information * len(extra) * mean + float(offset @ information @ offset))
+    return moved_camera(T_world_camera, prior.basis @ (float(steps[int(np.argmin(costs))]) * direction))
+
+
+def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:
+    """Whether a pose is too far from its prior to be believed of one frame."""
+    return found.prior_cost > config.most_prior * len(prior.covariance)
+
+
+def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior.
+
+    Args:
+        prior: Of the frame.
+        found: Its registration.
+        costs: A point's, of the last frames.
+        config: Settings.
+    """
+    position, rotation = prior.deviations
+    vague = position > config.retry_least_m or rotation > config.retry_least_rad
+    usual = statistics.median(costs) if costs else 0.0
+    dear = found.mean_cost > usual * (config.retry_vague_cost if vague else config.retry_cost)
+    return dear or found.prior_cost > config.retry_prior * len(prior.covariance)
+
+
+def register_from_several(
+    points: FramePoints,
+    prior: Prior,
+    align: Aligner,
+    known: Known,
+    contradicted: Contradicted,
+    config: RegistrationConfig,
+    extra: Extra | None,
+    rng: np.random.Generator,
+    first: Registration,
+) -> Registration:
+    """The likeliest of a registration and of those from starts that are drawn about the prior.
+
+    No more starts are drawn once several have led to the best place so far. Arguments as of :func:`registered`.
+    """
+    few = points.every(max(1, len(points) // config.retry_points))
+    few_extra = extra and extra.every(max(1, len(extra) // config.retry_points))
+
+    def cost(found: Registration) -> float:
+        return _cost_beside(first, found, few, len(points), prior, contradicted, config)
+
+    best, lowest, times = first, config.retry_gain * cost(first), 0
+    least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
+    deviations = np.maximum(least, config.retry_deviations * np.sqrt(np.diag(prior.covariance)))
+    for _ in range(config.retry_starts):
+        offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
+        start = moved_camera(prior.T_world_camera, offset)
+        found = register(few, prior, align, known, config, few_extra, start)
+        off, value = camera_motion(best.T_world_camera, found.T_world_camera), cost(found)
+        is_same = math.hypot(*off[:3].tolist()) < _SAME_M and math.hypot(*off[3:].tolist()) < _SAME_RAD
+        if value < lowest:
+            best, lowest, times = found, value, times + 1 if is_same else 1
+        else:
+            # All may have come back to a place that nobody believes.
+            times += is_same and lowest < np.inf
+        if times >= config.retry_agreeing:
+            break
+    return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
+
+
+def register_displaced(
+    points: FramePoints,
+    prior: Prior,
+    align: Aligner,
+    known: Known,
+    contradicted: Contradicted,
+    config: RegistrationConfig,
+    extra: Extra,
+    first: Registration,
+) -> Registration:
+    """The likelier of a registration and of that from where :func:`displacement_search` leads.
+
+    While the kernel is wide and images are coarse, what hardly constrains a displacement lets go of it: this one begins
+    with the last kernel. Arguments as of :func:`registered`.
+    """
+    start = displacement_search(points, prior, extra, config, first.T_world_camera)
+    if start is None:
+        return first
+    found = register(points, prior, align, known, replace(config, shrink_iterations=0), extra, start)
+    few = points.every(max(1, len(points) // config.retry_points))
+    lowest = _cost_beside(first, first, few, len(points), prior, contradicted, config)
+    return found if _cost_beside(first, found, few, len(points), prior, contradicted, config) < lowest else first
+
+
+def _cost_beside(
+    first: Registration,
+    found: Registration,
+    few: FramePoints,
+    num_points: int,
+    prior: Prior,
+    contradicted: Contradicted,
+    config: RegistrationConfig,
+) -> float:
+    """Cost of a registration, to be compared with others of the same frame; infinite for a jump.
+
+    A wrong pose may fit nearly as many points as the right one. Costs of poses that bring different points to known
+    surface compare as follows: a point that the map contradicts costs as much as the worst of outliers, one in unknown
+    space as much as the first pose's points on average.
+    """
+    if is_jump(prior, found, config):
+        return math.inf
+    at_odds = (contradicted(few, found.T_world_camera), 0.0)
+    total = 0.0
+    for now, usual, wrong in zip(found.fits, first.fits, at_odds, strict=False):
+        taken = min(now.share, 1.0 - wrong)
+        total += taken * now.mean_cost + wrong * config.kernel**2 + (1.0 - taken - wrong) * usual.mean_cost
+    return config.information * num_points * total + found.prior_cost + found.heading_cost
