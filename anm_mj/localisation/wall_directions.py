@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float32, Float64
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics
 
-_SQUARE, _STEP = 8, 2
-"""A plane is fitted to so many by so many pixels, of every second row and column."""
+_SQUARE, _PIXELS = 8, 128
+"""A plane is fitted to so many by so many pixels of an image thinned to about this many along its longer side."""
 _LEAST_MEASURED = 0.7
 """Share of a square's pixels that were measured, at least."""
 _LEAST_NOISE_PER_M = 3e-4
@@ -113,7 +113,8 @@ class _Squares:
     @classmethod
     def of(cls, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, noise: float) -> "_Squares":
         """Those of an image that were measured well enough."""
-        depth = depth_m[::_STEP, ::_STEP]
+        step = _step(intrinsics)
+        depth = depth_m[::step, ::step]
         measured = is_measured(depth)
         inverse = np.where(measured, 1.0 / np.where(measured, depth, np.float32(1.0)), np.float32(0.0))
         rays, products = _rays(intrinsics)
@@ -138,11 +139,16 @@ class _Squares:
         return products @ moments - 2.0 * planes @ self.slopes.T + own
 
 
+def _step(k: Intrinsics) -> int:
+    return max(1, round(max(k.width, k.height) / _PIXELS))
+
+
 @functools.lru_cache(maxsize=4)
 def _rays(k: Intrinsics) -> tuple[Float32[np.ndarray, "3 h w"], Float32[np.ndarray, "9 h w"]]:
     """(x, y, 1) of the pixels that are looked at, and its products with itself."""
-    x = ((np.arange(0, k.width, _STEP) + 0.5 - k.cx) / k.fx).astype(np.float32)
-    y = ((np.arange(0, k.height, _STEP) + 0.5 - k.cy) / k.fy).astype(np.float32)
+    step = _step(k)
+    x = ((np.arange(0, k.width, step) + 0.5 - k.cx) / k.fx).astype(np.float32)
+    y = ((np.arange(0, k.height, step) + 0.5 - k.cy) / k.fy).astype(np.float32)
     rays = np.stack((*np.meshgrid(x, y), np.ones((len(y), len(x)), np.float32)))
     return rays, np.concatenate([rays * each for each in rays])
 

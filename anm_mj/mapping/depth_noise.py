@@ -1,4 +1,4 @@
-"""How noisy a depth camera is, learnt from its images, and whether single pixels of it stray.
+"""How noisy a depth camera is, learnt from its images.
 
 Over a plane, inverse depth is linear in the pixel, so the second difference of three neighbours is noise and nothing
 else: with independent errors of standard deviation s it has a variance of 6 s^2. Rooms are mostly planes, so the median
@@ -20,14 +20,12 @@ _LINES = 64
 """So many rows and columns are looked at: the median of some thousand values is good to a few percent."""
 _FIRST_IMAGES, _IMAGE_EVERY = 8, 8
 """The first images are all looked at, then one of so many: a sensor does not change."""
+_TILES, _ROUGH_SHARE, _MOST_ROUGH = 4, 0.8, 3.0
+"""An image is cut into so many by so many tiles; so large a share of them is no noisier than what counts as rough."""
 _MEDIAN_OF_NORMAL = 0.6744897501960817
 """Median of the size of a standard normal variable."""
 _LEAST_TRIPLES = 16
 """Fewer triples of measured pixels tell nothing."""
-_USUAL_FRAMES, _USUAL_SHARE = 3.0, 0.03
-"""So many images, and this share of all, hold a pixel alone in space that is surely free although the depth is exact:
-none in three scenes, 2.5 % at most by poses that drift, and 8 to 40 % if one pixel in 3000 is speckle, or one in ten at
-edges flies."""
 
 
 def inverse_depth_noise(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
@@ -36,6 +34,20 @@ def inverse_depth_noise(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
     little was measured to tell.
     """
     found = [noise for image in (depth_m, depth_m.T) if (noise := _noise_along_columns(image)) is not None]
+    return max(found, default=None)
+
+
+def rough_noise(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
+    """The same where the image is noisier than elsewhere: on floors and walls at grazing incidence, where a pixel's
+    place in the image errs, too. The figure that so many tiles of the image do not exceed (``_ROUGH_SHARE``).
+    """
+    found = []
+    for image in (depth_m, depth_m.T):
+        bands = np.array_split(image, _TILES)
+        tiles = [tile for band in bands for tile in np.array_split(band, _TILES, axis=1)]
+        noises = [noise for tile in tiles if (noise := _noise_along_columns(tile)) is not None]
+        if noises:
+            found.append(float(np.quantile(noises, _ROUGH_SHARE)))
     return max(found, default=None)
 
 
@@ -51,10 +63,10 @@ def _noise_along_columns(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
 
 
 class NoiseMean:
-    """The mean of :func:`inverse_depth_noise` over the images of a sensor."""
+    """The means of :func:`inverse_depth_noise` and :func:`rough_noise` over the images of a sensor."""
 
     def __init__(self) -> None:
-        self._sum = 0.0
+        self._sum = self._rough_sum = 0.0
         self._count = 0
         self._num_images = 0
 
@@ -62,6 +74,13 @@ class NoiseMean:
     def value(self) -> float:
         """The mean [1/m]; infinite before the first image that tells."""
         return self._sum / self._count if self._count else math.inf
+
+    @property
+    def rough(self) -> float:
+        """The mean where images are noisier than elsewhere [1/m]; clutter looks like noise, so at most so many times
+        the other one (``_MOST_ROUGH``).
+        """
+        return min(self._rough_sum / self._count, _MOST_ROUGH * self.value) if self._count else math.inf
 
     def add(self, depth_m: Float32[np.ndarray, "h w"]) -> None:
         """Take in one image of planar depth [m]; of later ones only some are looked at."""
@@ -71,42 +90,14 @@ class NoiseMean:
         noise = inverse_depth_noise(depth_m)
         if noise is not None:
             self._sum += noise
+            self._rough_sum += rough_noise(depth_m) or noise
             self._count += 1
 
-    def array(self) -> Float64[np.ndarray, "3"]:
-        """Sum and number of the figures, and number of images."""
-        return np.array([self._sum, self._count, self._num_images], np.float64)
+    def array(self) -> Float64[np.ndarray, "4"]:
+        """Sum and number of the figures, number of images, and sum of the rough figures."""
+        return np.array([self._sum, self._count, self._num_images, self._rough_sum], np.float64)
 
-    def set_array(self, array: Float64[np.ndarray, "3"]) -> None:
-        """Take over what :meth:`array` gave."""
+    def set_array(self, array: Float64[np.ndarray, "n"]) -> None:
+        """Take over what :meth:`array` gave; maps of earlier versions lack the last figure."""
         self._sum, self._count, self._num_images = float(array[0]), int(array[1]), int(array[2])
-
-
-class Strays:
-    """Whether a sensor's images hold pixels that lie where nothing is: speckle, or edges that fly.
-
-    Such a pixel is off by any amount, which no standard deviation tells. It shows where space is known to be free, and
-    by lying there alone: a wrong pose puts whole surfaces there.
-    """
-
-    def __init__(self) -> None:
-        self._num_images = 0
-        self._num_straying = 0
-
-    @property
-    def are_known(self) -> bool:
-        """Whether more images hold such pixels than those of an exact sensor do."""
-        return self._num_straying > _USUAL_FRAMES + _USUAL_SHARE * self._num_images
-
-    def add(self, strays: bool) -> None:
-        """Take in one image, by whether a pixel of it lies alone in space that was surely free before."""
-        self._num_images += 1
-        self._num_straying += strays
-
-    def array(self) -> Float64[np.ndarray, "2"]:
-        """Numbers of images, and of those with such pixels."""
-        return np.array([self._num_images, self._num_straying], np.float64)
-
-    def set_array(self, array: Float64[np.ndarray, "2"]) -> None:
-        """Take over what :meth:`array` gave."""
-        self._num_images, self._num_straying = int(array[0]), int(array[1])
+        self._rough_sum = float(array[3]) if len(array) > 3 else self._sum

@@ -11,12 +11,12 @@ from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
-from scipy.spatial import KDTree
+from scipy import ndimage
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.carried_voxels import carry
-from anm_mj.mapping.depth_noise import NoiseMean, Strays
+from anm_mj.mapping.depth_noise import NoiseMean
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import MovedVoxels, depth_doubt
 from anm_mj.mapping.occupancy_kernels import (
@@ -28,6 +28,7 @@ from anm_mj.mapping.occupancy_kernels import (
     check_arrays,
     unseen_voxels,
 )
+from anm_mj.mapping.stray_pixels import Strays, are_single_outside, is_straying
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
@@ -43,11 +44,6 @@ _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
 """So many frames that contradict it change the state of a voxel of a prior run."""
 MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
 """Most voxels of a grid; each takes eight bytes."""
-_SURE_MISSES, _STRAY_RANGE_M = 10, 3.5
-"""A pixel up to this depth [m] strays where so many frames more looked through its voxel than hit it: farther ones may
-lie in a voxel beside theirs by noise that is no stray's."""
-_ALONE_VOXELS = 3
-"""A pixel is single if no other one of its image hits a voxel within so many along every axis."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
@@ -121,7 +117,11 @@ class DepthOccupancy:
         stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
         phase = self._num_frames % stride, self._num_frames // stride % stride
         voxels, hit_depth = self._kernels.hits(view, phase, stride)
-        self.strays.add(self._is_straying(voxels, hit_depth))
+        self.strays.add(is_straying(self.voxels, self.config, voxels, hit_depth))
+        if self.strays.are_known:
+            # One that lies outside would make the grid grow for nothing.
+            kept = ~are_single_outside(self.voxels, voxels)
+            voxels, hit_depth = voxels[kept], hit_depth[kept]
         low, high = box = self._view_box(view, 0.0)
         if len(voxels):
             # Axis by axis: a reduction over many rows of three takes several times as long.
@@ -264,21 +264,6 @@ class DepthOccupancy:
         log_odds = np.clip(self.voxels.log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
         self.voxels = self.voxels._replace(log_odds=log_odds)
 
-    def _is_straying(self, places: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> bool:
-        """Whether a single pixel, from near enough to tell, hit a voxel that was surely free before. Surface is hit by
-        many side by side: where such are in free space, the pose is wrong, or something moved.
-        """
-        near = np.flatnonzero(depth_m < _STRAY_RANGE_M)
-        inside, cells = self.voxels.cells_of(places[near])
-        doubted = near[inside][self.voxels.log_odds[cells] <= -_SURE_MISSES * self.config.miss]
-        # On surface, the pixel before or after lies next to it, as a rule: that spares the search among all.
-        beside = [np.abs(places[doubted] - places[(doubted + side) % len(places)]).max(axis=1) for side in (-1, 1)]
-        alone = places[doubted[np.minimum(*beside) > _ALONE_VOXELS]]
-        if not len(alone):
-            return False
-        away, _ = KDTree(places).query(alone, k=2, p=math.inf, distance_upper_bound=_ALONE_VOXELS + 0.5)
-        return bool(np.isinf(np.asarray(away)[:, 1]).any())  # Each finds itself first.
-
     def _view(
         self, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
     ) -> CameraView:
@@ -297,6 +282,9 @@ class DepthOccupancy:
         if not np.isfinite(reach).all():
             reach = np.nan_to_num(reach, nan=0.0, posinf=missing_m)
         reach = reach.clip(0.0, self.config.carve_range_m)
+        if self.strays.are_known:
+            # A pixel of nothing would make the grid grow for nothing.
+            reach = ndimage.median_filter(reach, size=3, mode="nearest")
         ends = (view.rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ view.rotation.T
         low = np.minimum([axis.min() for axis in ends.T], np.float32(0.0)) + view.position
         high = np.maximum([axis.max() for axis in ends.T], np.float32(0.0)) + view.position

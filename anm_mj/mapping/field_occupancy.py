@@ -11,7 +11,7 @@ learnt a chair's leg or the top of a bed yet, and with a noisy sensor the field 
 hit is occupied where its centre lies in the solid and the noise explains how a ray came to pass it. What no depth ever
 hit stays free or unknown, because a field extrapolates any sign it likes there.
 
-Where single pixels of the sensor stray (:class:`~anm_mj.mapping.depth_noise.Strays`), no distance is too far for a hit
+Where single pixels of the sensor stray (:class:`~anm_mj.mapping.stray_pixels.Strays`), no distance is too far for a hit
 of few pixels: the field decides on those at any depth.
 
 What moves is held for an obstacle without any hit, and surface is doubted against its hits
@@ -162,9 +162,9 @@ class FieldOccupancy:
 
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""
-        noise = self._by_depth.noise.value
+        noise = self._by_depth.noise
         # What exact depth says stands, and the field is not asked.
-        noise, strays = 0.0 if noise < EXACT_PER_M else noise, self._by_depth.strays.are_known
+        noise, strays = 0.0 if noise.value < EXACT_PER_M else noise.rough, self._by_depth.strays.are_known
         changed = max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m)
         if changed or strays != self._strays:
             self._noise_per_m, self._strays = noise, strays

@@ -261,8 +261,8 @@ def check_arrays(state: dict[str, np.ndarray]) -> None:
         raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
     if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
         raise ValueError(f"num_frames is {state['num_frames']}")
-    for name, size in (("depth_noise", 3), ("strays", 2)):
-        # Maps of older versions have no strays.
-        noise = array_of({"strays": np.zeros(2), **state}, name, "f", (size,))
-        if not (noise >= 0.0).all():
+    for name, sizes in (("depth_noise", (3, 4)), ("strays", (2,))):
+        # Maps of older versions have no strays, and no fourth figure of noise.
+        noise = array_of({"strays": np.zeros(2), **state}, name, "f", (None,))
+        if len(noise) not in sizes or not (noise >= 0.0).all():
             raise ValueError(f"{name} is {noise.tolist()}")

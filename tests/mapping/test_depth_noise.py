@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from anm_mj.frames import pixel_directions
 from anm_mj.mapping import depth_noise
-from anm_mj.mapping.depth_noise import NoiseMean, inverse_depth_noise
+from anm_mj.mapping.depth_noise import NoiseMean, inverse_depth_noise, rough_noise
 from anm_mj.sim.sensors.measure_depth import measure_depth
 from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
 
 
@@ -80,3 +82,36 @@ def test_of_many_images_only_some_are_looked_at(depth_m, monkeypatch):
         noise.add(depth_m)
     assert 8 <= len(asked) < 24
     assert noise.value == 0.5
+
+
+def test_a_floor_is_rougher_than_a_wall_where_places_in_the_image_err() -> None:
+    """Pixels whose place errs show no noise on a wall that is looked at squarely, and much on the floor before it."""
+    rng = np.random.default_rng(0)
+    intrinsics = Intrinsics.from_fov(192, 192, math.pi / 2)
+    down = pixel_directions(intrinsics)[..., 1]
+    inverse = np.maximum(np.maximum(down, 0.0) / 1.25, 0.25)
+    at = np.indices(inverse.shape) + np.rint(0.6 * rng.standard_normal((2, *inverse.shape))).astype(int)
+    shown = inverse[np.clip(at[0], 0, 191), np.clip(at[1], 0, 191)] + 0.001 * rng.standard_normal(inverse.shape)
+    depth_m = (1.0 / shown).astype(np.float32)
+    usual, rough = inverse_depth_noise(depth_m), rough_noise(depth_m)
+    assert usual is not None
+    assert rough is not None
+    assert usual == pytest.approx(0.001, rel=0.5)
+    slope = 1.0 / (1.25 * intrinsics.fy)
+    assert rough == pytest.approx(math.hypot(0.001, 0.6 * slope), rel=0.4)
+
+
+def test_clutter_is_not_taken_for_more_than_some_times_the_noise() -> None:
+    rng = np.random.default_rng(0)
+    # Three quarters of the image are a bush.
+    depth_m = np.where(np.arange(128)[:, None] < 32, 2.0, rng.uniform(1.0, 3.0, (128, 128)))
+    depth_m[:32] = 1.0 / (0.5 + 0.001 * rng.standard_normal((32, 128)))
+    noise = NoiseMean()
+    noise.add(depth_m.astype(np.float32))
+    assert noise.value <= noise.rough <= 3.0 * noise.value
+
+
+def test_a_mean_of_an_earlier_version_has_no_rougher_figure() -> None:
+    noise = NoiseMean()
+    noise.set_array(np.array([0.02, 10.0, 20.0]))
+    assert noise.rough == noise.value == pytest.approx(0.002)

@@ -132,6 +132,23 @@ def test_pixels_that_stray_leave_next_to_no_obstacle_in_free_space(room):
     assert (nothing[often] == OCCUPIED).all()
 
 
+def test_pixels_that_stray_outside_do_not_make_the_grid_grow(room):
+    # The room has walls; what lies beyond them is speckle.
+    looks = [seen for _ in range(4) for seen in room.turn(1.5, 1.5, 12, size=128)]
+    occupancy = fuse(DepthOccupancy(OccupancyConfig()), straying(looks, 0.002))
+    assert occupancy.strays.are_known
+    rng, shape = np.random.default_rng(2), occupancy.grid.state.shape
+    for seen in looks[:12]:
+        depth_m = np.where(rng.random(seen.depth_m.shape) < 0.0005, 9.0, seen.depth_m).astype(np.float32)
+        occupancy.integrate(depth_m, seen.intrinsics, seen.T_world_camera)
+    assert occupancy.grid.state.shape == shape
+    # A second room behind a door is no speckle.
+    depth_m = seen.depth_m.copy()
+    depth_m[40:80, 40:80] = 9.0
+    occupancy.integrate(depth_m, seen.intrinsics, seen.T_world_camera)
+    assert np.prod(occupancy.grid.state.shape) > np.prod(shape)
+
+
 def test_exact_images_hold_no_pixel_that_strays(room):
     looks = [seen for _ in range(4) for seen in room.turn(1.5, 1.5, 12, size=128)]
     assert not fuse(DepthOccupancy(OccupancyConfig()), looks).strays.are_known
