@@ -39,7 +39,7 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
     search_least_rad: float = 0.008
     """A rotation with a larger standard deviation is searched for by earlier images first [rad]."""
-    search_least_view_rad: float = 0.016
+    search_least_view_rad: float = 0.008
     """As is a displacement with a larger one, as seen from the camera at the median depth of the frame [rad]."""
     retry_cost: float = setting(2.0, at_least=1.0)
     """A frame that costs more than this many times what frames cost of late may be in a wrong place: it is registered

@@ -144,7 +144,7 @@ def test_a_displacement_before_a_near_wall_is_looked_for() -> None:
 
 
 def test_a_displacement_that_is_known_is_not_looked_for() -> None:
-    prior = Prior(np.eye(4), np.diag([0.02, 0.005, 0.001]) ** 2, PLANAR)
+    prior = Prior(np.eye(4), np.diag([0.02, 0.002, 0.001]) ** 2, PLANAR)
     assert displacement_search(frame(), prior, NarrowPicture(), CONFIG, np.eye(4)) is None
     far = replace(frame(), camera_m=10.0 * frame().camera_m)
     prior = Prior(np.eye(4), np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
