@@ -31,9 +31,18 @@ class _Direction:
 
     angle_rad: float
     """Mean of the first ones seen."""
+    weight: float
+    """Sum of what they weigh in it [1/rad^2]."""
     information: float
-    """Of that [1/rad^2]."""
+    """Of their noise alone [1/rad^2]."""
+    pose_rad: float
+    """Smallest standard deviation of a heading that they were seen from: headings of one way err alike."""
     num_walls: int = 1
+
+    @property
+    def variance(self) -> float:
+        """Of the mean [rad^2]."""
+        return 1.0 / self.information + self.pose_rad**2
 
 
 class WallCompass:
@@ -66,11 +75,11 @@ class WallCompass:
         turns: list[float] = []
         deviations: list[float] = []
         for angle, noise in self._seen[1]:
-            for direction in filter(self._prevails, self._directions):
-                deviation = math.sqrt(scale**2 * (noise**2 + config.deviation_rad**2) + 1.0 / direction.information)
+            for direction in self._directions:
+                deviation = math.sqrt(scale**2 * (noise**2 + config.deviation_rad**2) + direction.variance)
                 reach = min(config.reach_deviations * math.hypot(prior.deviations[1], deviation), config.most_turn_rad)
                 turn = _half_turn(direction.angle_rad - angle)
-                if abs(turn) < reach:
+                if abs(turn) < reach and self._prevails(direction):
                     turns.append(turn)
                     deviations.append(deviation)
         if not turns:
@@ -79,23 +88,30 @@ class WallCompass:
         return replace(prior, headings=Headings(T_world_camera, tuple(turns), tuple(deviations), kernels))
 
     def learn(self, T_world_camera: Float[np.ndarray, "4 4"], deviation_rad: float) -> None:
-        """Take in the walls of the last frame, at the pose that was found for it, with a standard deviation."""
+        """Take in the walls of the last frame, at the pose that was found for it.
+
+        Args:
+            T_world_camera: The pose.
+            deviation_rad: Standard deviation of its rotation in the world.
+        """
         if self._seen is None:
             return
         config, turned = self._config, turned_rad(self._seen[0], T_world_camera)
         for seen_rad, noise in self._seen[1]:
-            angle, information = seen_rad + turned, 1.0 / (noise**2 + deviation_rad**2)
+            angle, weight = seen_rad + turned, 1.0 / (noise**2 + deviation_rad**2)
             off, nearest = min(
                 ((_half_turn(angle - each.angle_rad), each) for each in self._directions),
                 key=lambda pair: abs(pair[0]),
                 default=(math.inf, None),
             )
             if nearest is None or abs(off) > config.apart_rad:
-                self._directions.append(_Direction(angle, information))
+                self._directions.append(_Direction(angle, weight, noise**-2, deviation_rad))
                 continue
             if nearest.num_walls < config.learn_walls:
-                nearest.information += information
-                nearest.angle_rad += off * information / nearest.information
+                nearest.weight += weight
+                nearest.angle_rad += off * weight / nearest.weight
+                nearest.information += noise**-2
+                nearest.pose_rad = min(nearest.pose_rad, deviation_rad)
             nearest.num_walls += 1
             self._residuals = [*self._residuals, abs(off) / math.hypot(noise, config.deviation_rad)][-_RESIDUALS:]
         self._seen = None

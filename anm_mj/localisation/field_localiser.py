@@ -127,7 +127,7 @@ class FieldLocaliser:
     def localise(self, observation: Observation) -> PoseEstimate:
         """Estimate the pose of the next frame; see the protocol."""
         self._num_frames += 1
-        self._compared = None
+        self._compared = self._headings = None
         far, self._far = self._far, None
         if self._T_camera_base is None:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
@@ -181,8 +181,8 @@ class FieldLocaliser:
         self._history.add(found.mean_cost, score)
         self._motion_noise.add(prior, found.T_world_camera, self._scale)
         self._covariance = found.covariance
-        self._compass.learn(found.T_world_camera, self._deviations[1])
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
+        self._compass.learn(found.T_world_camera, largest_deviations(estimate.covariance)[1])
         T_world_camera = estimate.observation.T_world_camera
         self._key_images.see(replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance))
         return estimate

@@ -59,6 +59,9 @@ class KeyframeGraph:
         self.poses = np.zeros((0, 4, 4))
         """Of all keyframes, camera to world."""
         self.edges: list[Edge] = []
+        """What was measured between them."""
+        self.headings: list[Edge] = []
+        """What walls say of their headings; some of it may be far off, and forbids no loop."""
         self._images = images
         self._basis = basis
         self._pending: list[list[Edge]] = []
@@ -91,7 +94,7 @@ class KeyframeGraph:
                 self._edge(node - 1, node, motion.T_world_camera, self._full(np.linalg.inv(motion.covariance)))
             )
         if headings is not None:
-            self.edges += self._heading_edges(headings, node)
+            self.headings += self._heading_edges(headings, node)
         near, old = self._chosen(compared.points, T_world_camera, node)
         covariance = self._basis.T @ np.diag([_LOOP_M**2] * 3 + [_LOOP_RAD**2] * 3) @ self._basis
         loops: list[Edge] = []
@@ -115,7 +118,7 @@ class KeyframeGraph:
         fixed = np.zeros(node + 1, bool)
         fixed[: 1 if closed else max(1, node + 1 - self.config.window)] = True
         before = self.poses
-        self.poses = optimised(before, self.edges, fixed, self._basis)
+        self.poses = optimised(before, [*self.edges, *self.headings], fixed, self._basis)
         free = np.flatnonzero(~fixed)
         for image in self._images.images:
             if image.node >= 0:
@@ -133,7 +136,7 @@ class KeyframeGraph:
             return False
         fixed = np.zeros(len(self.poses), bool)
         fixed[0] = True
-        poses = optimised(self.poses, self.edges, fixed, self._basis, _TRIAL_ITERATIONS)
+        poses = optimised(self.poses, [*self.edges, *self.headings], fixed, self._basis, _TRIAL_ITERATIONS)
         return bool(np.linalg.norm((poses - self.poses)[:, :3, 3], axis=1).max() > self.config.rebuild_m)
 
     def _take_loops(self, edges: list[Edge]) -> bool:
@@ -151,7 +154,7 @@ class KeyframeGraph:
         trial = [*self.edges, *fresh]
         fixed = np.zeros(len(self.poses), bool)
         fixed[0] = True
-        poses = optimised(self.poses, trial, fixed, self._basis)
+        poses = optimised(self.poses, [*trial, *self.headings], fixed, self._basis)
         misfit = chi_squares(poses, fresh)
         strain = chi_squares(poses, self.edges) - chi_squares(self.poses, self.edges)
         # Those who follow are asked afresh.

@@ -194,7 +194,7 @@ def register(
             points, extra = all_points, all_extra
         if iteration in (0, coarse_iterations):
             trusted = with_trust(points, known(_world(points, T)))
-        share = min(1.0, iteration / max(1, config.shrink_iterations))
+        share = min(1.0, iteration / config.shrink_iterations) if config.shrink_iterations else 1.0
         equations, hessian, gradient, fits = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
         if iteration >= config.iterations:

@@ -1,4 +1,6 @@
-"""Where a registration begins that may end in a false minimum: a rotation is searched for, or several starts tried."""
+"""Where a registration begins that may end in a false minimum: a rotation or a displacement is searched for, or several
+starts are tried.
+"""
 
 import math
 import statistics
@@ -126,6 +128,7 @@ def displacement_search(
     information = np.linalg.inv(prior.covariance)
     begin = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
     costs: list[float] = []
+    counts: list[float] = []
     count = min(math.ceil(6.0 * deviation / least), _MOST_STEPS)
     steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1)
     for step in steps.tolist():
@@ -133,7 +136,13 @@ def displacement_search(
         offset = begin + step * direction
         mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
         costs.append(config.information * len(extra) * mean + float(offset @ information @ offset))
-    return moved_camera(T_world_camera, prior.basis @ (float(steps[int(np.argmin(costs))]) * direction))
+        counts.append(sums.num_points)
+    # What slides out of view costs nothing, and says nothing.
+    seen = np.array(counts) >= max(1.0, 0.5 * max(counts))
+    if not seen.any():
+        return None
+    best = int(np.argmin(np.where(seen, costs, np.inf)))
+    return moved_camera(T_world_camera, prior.basis @ (float(steps[best]) * direction))
 
 
 def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:

@@ -90,7 +90,7 @@ class NoiseMean:
         noise = inverse_depth_noise(depth_m)
         if noise is not None:
             self._sum += noise
-            self._rough_sum += rough_noise(depth_m) or noise
+            self._rough_sum += max(rough_noise(depth_m) or 0.0, noise)
             self._count += 1
 
     def array(self) -> Float64[np.ndarray, "4"]:

@@ -120,7 +120,8 @@ class DepthOccupancy:
         self.strays.add(is_straying(self.voxels, self.config, voxels, hit_depth))
         if self.strays.are_known:
             # One that lies outside would make the grid grow for nothing.
-            kept = ~are_single_outside(self.voxels, voxels)
+            apart = hit_depth * np.float32(stride / (intrinsics.fx * self.config.voxel_m))
+            kept = ~are_single_outside(self.voxels, voxels, apart)
             voxels, hit_depth = voxels[kept], hit_depth[kept]
         low, high = box = self._view_box(view, 0.0)
         if len(voxels):

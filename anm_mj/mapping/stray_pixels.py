@@ -71,16 +71,26 @@ def is_straying(
     return bool(len(alone) and _are_single(alone, places).any())
 
 
-def are_single_outside(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Which pixels of an image hit voxels outside of the grid, with no other pixel of it nearby."""
+def are_single_outside(
+    voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], apart: Float32[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
+    """Which pixels of an image hit voxels outside of the grid, with no other pixel of it nearby.
+
+    Args:
+        voxels: The grid.
+        places: Voxels that the pixels hit, by x, y, z.
+        apart: How far from each the next pixel hits a surface that faces the camera [voxels].
+    """
     inside, _ = voxels.cells_of(places)
     single = ~inside
     if single.any():
-        single[single] = _are_single(places[single], places)
+        single[single] = _are_single(places[single], places, 2.0 * apart[single])
     return single
 
 
-def _are_single(some: Int64[np.ndarray, "k 3"], places: Int64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " k"]:
-    """Which of some voxels that pixels hit have no hit of another pixel nearby."""
-    away, _ = KDTree(places).query(some, k=2, p=math.inf, distance_upper_bound=_ALONE_VOXELS + 0.5)
-    return np.isinf(np.asarray(away)[:, 1])  # Each finds itself first.
+def _are_single(
+    some: Int64[np.ndarray, "k 3"], places: Int64[np.ndarray, "n 3"], apart: Float32[np.ndarray, " k"] | float = 0.0
+) -> Bool[np.ndarray, " k"]:
+    """Which of some voxels that pixels hit have no hit of another pixel nearby, or as near as ``apart`` [voxels]."""
+    away, _ = KDTree(places).query(some, k=2, p=math.inf)
+    return np.asarray(away)[:, 1] > np.maximum(apart, _ALONE_VOXELS + 0.5)  # Each finds itself first.

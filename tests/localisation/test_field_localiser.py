@@ -120,6 +120,21 @@ def test_a_blind_frame_keeps_the_prior_and_its_doubt(
     assert math.isnan(after.quality.rmse_m)
 
 
+def test_a_frame_that_shows_no_wall_has_no_heading_of_an_earlier_one(tiny_config: MappingConfig, room: Room) -> None:
+    frames = walk(room, 8)
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=True, odometry=True)
+    seen = drifting(frames)
+    track(localiser, neural_map, seen[:7])
+    assert localiser._graph.headings
+    num_headings = len(localiser._graph.headings)
+    blind = replace(seen[7], depth_m=np.full_like(seen[7].depth_m, np.nan))
+    estimate = localiser.localise(blind)
+    assert estimate.usable
+    localiser.integrate(estimate)
+    assert len(localiser._graph.headings) == num_headings
+
+
 def test_the_stated_covariance_holds_that_of_the_map(
     tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap],
 ) -> None:

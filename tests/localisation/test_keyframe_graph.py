@@ -33,7 +33,9 @@ def drift(step: int) -> np.ndarray:
     return np.array([0.002 * step, -0.001 * step, 0.0, 0.0, 0.0, 0.0005 * step])
 
 
-def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[KeyframeGraph, list[Correction]]:
+def turn_about(
+    config: GraphConfig, frames: list[Observation], headings: Headings | None = None
+) -> tuple[KeyframeGraph, list[Correction]]:
     """The graph of a camera that turns about while its pose drifts, and what it corrected."""
     images = KeyImages(KeyImageConfig())
     graph = KeyframeGraph(config, images, PLANAR)
@@ -48,7 +50,7 @@ def turn_about(config: GraphConfig, frames: list[Observation]) -> tuple[Keyframe
         images.add(placed, 0.0)
         points = draw_points(placed, 500, 0.0, 8.0, np.random.default_rng(step))
         gray = coarse_gray_at(images.images[-1], points)
-        correction = graph.add(FrameToImages(images, [], points, gray, 0.0, 1.0), T, motion)
+        correction = graph.add(FrameToImages(images, [], points, gray, 0.0, 1.0), T, motion, headings)
         if correction is not None:
             corrections.append(correction)
             is_closed |= correction.closed
@@ -96,6 +98,13 @@ def test_a_place_that_is_seen_again_closes_a_loop(frames: list[Observation]) -> 
     # Images and poses go together.
     for image in graph._images.images:
         np.testing.assert_array_equal(image.T_world_camera, graph.poses[image.node])
+
+
+def test_walls_that_are_far_off_forbid_no_loop(frames: list[Observation]) -> None:
+    askew = Headings(frames[0].T_world_camera, (0.3,), (0.0005,), (10.0, 3.0))
+    graph, corrections = turn_about(CONFIG, frames, askew)
+    assert len(graph.headings) == COUNT - 1
+    assert [correction.closed for correction in corrections] == [True]
 
 
 def test_a_pose_that_was_pulled_back_corrects_the_way(frames: list[Observation]) -> None:

@@ -110,7 +110,8 @@ class NarrowPicture:
 
     def __call__(self, T_world_camera: np.ndarray, kernel: float, coarse: bool) -> Sums:
         x, y = T_world_camera[:2, 3].tolist()
-        near = math.exp(-0.5 * (y / 0.003) ** 2)
+        # At a coarser resolution nothing is left of it.
+        near = 0.0 if coarse else math.exp(-0.5 * (y / 0.003) ** 2)
         hessian, gradient = np.zeros((6, 6)), np.zeros(6)
         hessian[0, 0], hessian[1, 1] = 1e8, 1e7 * near + 1e3
         gradient[0], gradient[1] = 1e8 * x, 1e7 * near * y
