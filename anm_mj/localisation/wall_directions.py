@@ -64,7 +64,7 @@ def wall_directions(
         noise_per_m: Standard deviation of inverse depth [1/m].
     """
     noise = max(noise_per_m, _LEAST_NOISE_PER_M)
-    squares = _Squares.of(depth_m, intrinsics, noise)
+    squares = _Squares.of(depth_m, intrinsics)
     normal = squares.plane @ R_level_camera.T
     upright = (squares.variance < _ROUGH * noise**2) & (np.abs(normal[:, 2]) < _STEEP * np.linalg.norm(normal, axis=1))
     squares = squares.at(upright)
@@ -111,7 +111,7 @@ class _Squares:
     """Of the residuals [1/m^2]."""
 
     @classmethod
-    def of(cls, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, noise: float) -> "_Squares":
+    def of(cls, depth_m: Float32[np.ndarray, "h w"], intrinsics: Intrinsics) -> "_Squares":
         """Those of an image that were measured well enough."""
         step = _step(intrinsics)
         depth = depth_m[::step, ::step]
