@@ -24,7 +24,7 @@ from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, register
+from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import is_jump, registered
 from anm_mj.localisation.relocalisation_scores import Hypothesis, frame_score
 from anm_mj.localisation.relocaliser import Relocaliser, possible_tilts
@@ -154,14 +154,13 @@ class FieldLocaliser:
         image = key_image(observation, self.config.key_images.longest_px, noise)
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
-        align, known = self._probe.align, self._probe.known
-        arguments = points, prior, align, known, self._probe.contradicted, settings, extra
-        found = registered(*arguments, self._history.costs, rng)
+        problem = RegistrationProblem(points, prior, self._probe, settings, extra)
+        found = registered(problem, self._history.costs, rng)
         confirmed = False
         if far is not None and is_jump(prior, found, settings):
             # Perhaps it was odometry that jumped, and two frames in a row say so.
             follows = replace(self._prior(observation, far), headings=prior.headings)
-            again = register(points, follows, align, known, settings, extra, found.T_world_camera)
+            again = register(replace(problem, prior=follows), found.T_world_camera)
             confirmed = not is_jump(follows, again, settings)
             prior, found = (follows, again) if confirmed else (prior, found)
         fits = self._probe.agreement(points, found.T_world_camera)
@@ -251,13 +250,12 @@ class FieldLocaliser:
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""
-        finder, by_depth = self._relocaliser, self._map.occupancy.by_depth
+        finder = self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
         tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
-        align, known, usual = self._probe.align, self._probe.known, self._history.usual_score
-        believed = finder.look(points, tilts, self._basis, align, known, by_depth, usual)
+        believed = finder.look(points, tilts, self._basis, self._probe, self._history.usual_score)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
         finder.restart()

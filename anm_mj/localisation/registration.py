@@ -7,7 +7,6 @@ distances shrinks from step to step, so that a wrong start finds the surface and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -20,9 +19,6 @@ from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
-
-Aligner = Callable[[FramePoints, Float[np.ndarray, "4 4"], AlignSettings], NormalEquations]
-"""What compares a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
 
 
 class Sums(NamedTuple):
@@ -76,8 +72,25 @@ class Extra(Protocol):
         ...
 
 
-Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
-"""Which world points [m] lie at surface that was observed."""
+@runtime_checkable
+class Probe(Protocol):
+    """What a registration asks of a map; :class:`~.map_probe.MapProbe` answers."""
+
+    def align(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
+    ) -> NormalEquations:
+        """Compare a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
+        ...
+
+    def known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Which world points [m] lie at surface that was observed."""
+        ...
+
+    def contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
+        """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
+        ...
+
+
 _COARSE_STEP = 3
 """Of so many points one is registered at first."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
@@ -104,6 +117,21 @@ class Prior:
     def deviations(self) -> tuple[float, float]:
         """Standard deviations of the position [m] and the rotation [rad], in the direction where they are largest."""
         return largest_deviations(self.basis @ self.covariance @ self.basis.T)
+
+
+@dataclass(frozen=True)
+class RegistrationProblem:
+    """A frame, and all that its pose is sought by."""
+
+    points: FramePoints
+    """Pixels of the frame."""
+    prior: Prior
+    """What is known of its pose."""
+    probe: Probe
+    """The map."""
+    config: RegistrationConfig
+    extra: Extra | None = None
+    """What else adds to the normal equations."""
 
 
 @dataclass(frozen=True)
@@ -139,26 +167,14 @@ class Registration:
         return sum(each.mean_cost for each in self.fits) / len(self.fits)
 
 
-def register(
-    points: FramePoints,
-    prior: Prior,
-    align: Aligner,
-    known: Known,
-    config: RegistrationConfig,
-    extra: Extra | None = None,
-    start: Float[np.ndarray, "4 4"] | None = None,
-) -> Registration:
-    """The most likely pose of a frame, starting from its prior.
+def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | None = None) -> Registration:
+    """The most likely pose of a frame.
 
     Args:
-        points: Pixels of the frame.
-        prior: What is known of its pose.
-        align: The field.
-        known: Which places of the field can be trusted.
-        config: Settings.
-        extra: What else adds to the normal equations.
-        start: Where the search begins; None = at the prior.
+        problem: The frame, and what its pose is sought by.
+        start: Camera pose where the search begins; None = at the prior.
     """
+    points, prior, config, extra = problem.points, problem.prior, problem.config, problem.extra
     basis = prior.basis
     information = np.linalg.inv(prior.covariance)
     T = prior.T_world_camera if start is None else start
@@ -170,7 +186,7 @@ def register(
 
     def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
         settings = config.settings(share)
-        found = align(trusted, T, settings)
+        found = problem.probe.align(trusted, T, settings)
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
         fits = [fit(found.facts[0, 0], found.facts[0, 2], len(points))]
         if extra is not None:
@@ -193,7 +209,7 @@ def register(
         if iteration == coarse_iterations:
             points, extra = all_points, all_extra
         if iteration in (0, coarse_iterations):
-            trusted = with_trust(points, known(_world(points, T)))
+            trusted = with_trust(points, problem.probe.known(_world(points, T)))
         share = min(1.0, iteration / config.shrink_iterations) if config.shrink_iterations else 1.0
         equations, hessian, gradient, fits = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T)

@@ -4,55 +4,37 @@ starts are tried.
 
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import Aligner, Extra, Known, Prior, Registration, register
+from anm_mj.localisation.registration import Extra, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
-Contradicted = Callable[[FramePoints, Float[np.ndarray, "4 4"]], float]
-"""Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
 _SAME_M, _SAME_RAD = 0.01, 0.01
 """Searches that end so near to each other have found the same place."""
 _MOST_STEPS = 40
 """Places on either side that a displacement is looked for at, at most."""
 
 
-def registered(
-    points: FramePoints,
-    prior: Prior,
-    align: Aligner,
-    known: Known,
-    contradicted: Contradicted,
-    config: RegistrationConfig,
-    extra: Extra | None,
-    costs: Sequence[float],
-    rng: np.random.Generator,
-) -> Registration:
+def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.random.Generator) -> Registration:
     """The likeliest pose of a frame, sought from where its prior and its doubts ask for.
 
     Args:
-        points: Pixels of the frame.
-        prior: What is known of its pose.
-        align: The field.
-        known: Which places of the field can be trusted.
-        contradicted: Which share of points at a pose is at odds with the map.
-        config: Settings.
-        extra: Adds to the normal equations.
+        problem: The frame, and what its pose is sought by.
         costs: A point's, of the last frames.
         rng: Draws starts.
     """
-    start = None if extra is None else rotation_search(prior, extra, config)
-    found = register(points, prior, align, known, config, extra, start)
+    extra, config = problem.extra, problem.config
+    found = register(problem, None if extra is None else rotation_search(problem.prior, extra, config))
     if extra is not None:
-        found = register_displaced(points, prior, align, known, contradicted, config, extra, found)
-    if may_be_wrong(prior, found, costs, config):
-        found = register_from_several(points, prior, align, known, contradicted, config, extra, rng, found)
+        found = register_displaced(problem, extra, found)
+    if may_be_wrong(problem.prior, found, costs, config):
+        found = register_from_several(problem, rng, found)
     return found
 
 
@@ -93,11 +75,7 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
 
 
 def displacement_search(
-    points: FramePoints,
-    prior: Prior,
-    extra: Extra,
-    config: RegistrationConfig,
-    T_world_camera: Float[np.ndarray, "4 4"],
+    problem: RegistrationProblem, extra: Extra, T_world_camera: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "4 4"] | None:
     """Where the last image puts a camera whose displacement is vague, along what that image constrains least.
 
@@ -105,15 +83,14 @@ def displacement_search(
     looked for. By grey values, if there are any: what slides out of view takes its cost in depth along.
 
     Args:
-        points: Pixels of the frame.
-        prior: Of its pose.
+        problem: The frame.
         extra: The images.
-        config: Settings.
         T_world_camera: Where the search begins; its rotation is kept.
 
     Returns:
         The place that costs least; None if the displacement is known to some pixels.
     """
+    prior, config = problem.prior, problem.config
     few = extra.subsample(config.retry_points)
     free = np.flatnonzero(np.any(prior.basis[:3] != 0.0, axis=0))
     if not len(free):
@@ -122,7 +99,7 @@ def displacement_search(
     direction = np.zeros(len(prior.covariance))
     direction[free] = np.linalg.eigh(bound)[1][:, 0]
     deviation = math.sqrt(float(direction @ prior.covariance @ direction))
-    least = config.search_least_view_rad * float(np.median(points.camera_m[:, 2]))
+    least = config.search_least_view_rad * float(np.median(problem.points.camera_m[:, 2]))
     if deviation < least:
         return None
     information = np.linalg.inv(prior.covariance)
@@ -166,26 +143,17 @@ def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], conf
     return dear or found.prior_cost > config.retry_prior * len(prior.covariance)
 
 
-def register_from_several(
-    points: FramePoints,
-    prior: Prior,
-    align: Aligner,
-    known: Known,
-    contradicted: Contradicted,
-    config: RegistrationConfig,
-    extra: Extra | None,
-    rng: np.random.Generator,
-    first: Registration,
-) -> Registration:
+def register_from_several(problem: RegistrationProblem, rng: np.random.Generator, first: Registration) -> Registration:
     """The likeliest of a registration and of those from starts that are drawn about the prior.
 
     No more starts are drawn once several have led to the best place so far. Arguments as of :func:`registered`.
     """
-    few = points.every(max(1, len(points) // config.retry_points))
-    few_extra = extra and extra.every(max(1, len(extra) // config.retry_points))
+    prior, config, extra = problem.prior, problem.config, problem.extra
+    few = _few(problem)
+    quick = replace(problem, points=few, extra=extra and extra.every(max(1, len(extra) // config.retry_points)))
 
     def cost(found: Registration) -> float:
-        return _cost_beside(first, found, few, len(points), prior, contradicted, config)
+        return _cost_beside(problem, few, first, found)
 
     best, lowest, times = first, config.retry_gain * cost(first), 0
     least = prior.basis.T @ np.repeat([config.retry_least_m, config.retry_least_rad], 3)
@@ -193,7 +161,7 @@ def register_from_several(
     for _ in range(config.retry_starts):
         offset = prior.basis @ (deviations * rng.standard_normal(len(deviations)))
         start = moved_camera(prior.T_world_camera, offset)
-        found = register(few, prior, align, known, config, few_extra, start)
+        found = register(quick, start)
         off, value = camera_motion(best.T_world_camera, found.T_world_camera), cost(found)
         is_same = math.hypot(*off[:3].tolist()) < _SAME_M and math.hypot(*off[3:].tolist()) < _SAME_RAD
         if value < lowest:
@@ -203,53 +171,42 @@ def register_from_several(
             times += is_same and lowest < np.inf
         if times >= config.retry_agreeing:
             break
-    return best if best is first else register(points, prior, align, known, config, extra, best.T_world_camera)
+    return best if best is first else register(problem, best.T_world_camera)
 
 
-def register_displaced(
-    points: FramePoints,
-    prior: Prior,
-    align: Aligner,
-    known: Known,
-    contradicted: Contradicted,
-    config: RegistrationConfig,
-    extra: Extra,
-    first: Registration,
-) -> Registration:
+def register_displaced(problem: RegistrationProblem, extra: Extra, first: Registration) -> Registration:
     """The likelier of a registration and of that from where :func:`displacement_search` leads.
 
     While the kernel is wide and images are coarse, what hardly constrains a displacement lets go of it: this one begins
-    with the last kernel. Arguments as of :func:`registered`.
+    with the last kernel. Arguments as of :func:`registered` and :func:`displacement_search`.
     """
-    start = displacement_search(points, prior, extra, config, first.T_world_camera)
+    start = displacement_search(problem, extra, first.T_world_camera)
     if start is None:
         return first
-    found = register(points, prior, align, known, replace(config, shrink_iterations=0), extra, start)
-    few = points.every(max(1, len(points) // config.retry_points))
-    lowest = _cost_beside(first, first, few, len(points), prior, contradicted, config)
-    return found if _cost_beside(first, found, few, len(points), prior, contradicted, config) < lowest else first
+    found = register(replace(problem, config=replace(problem.config, shrink_iterations=0)), start)
+    few = _few(problem)
+    is_likelier = _cost_beside(problem, few, first, found) < _cost_beside(problem, few, first, first)
+    return found if is_likelier else first
 
 
-def _cost_beside(
-    first: Registration,
-    found: Registration,
-    few: FramePoints,
-    num_points: int,
-    prior: Prior,
-    contradicted: Contradicted,
-    config: RegistrationConfig,
-) -> float:
+def _few(problem: RegistrationProblem) -> FramePoints:
+    """Some points of a frame, by which registrations are compared."""
+    return problem.points.every(max(1, len(problem.points) // problem.config.retry_points))
+
+
+def _cost_beside(problem: RegistrationProblem, few: FramePoints, first: Registration, found: Registration) -> float:
     """Cost of a registration, to be compared with others of the same frame; infinite for a jump.
 
     A wrong pose may fit nearly as many points as the right one. Costs of poses that bring different points to known
     surface compare as follows: a point that the map contradicts costs as much as the worst of outliers, one in unknown
     space as much as the first pose's points on average.
     """
-    if is_jump(prior, found, config):
+    config = problem.config
+    if is_jump(problem.prior, found, config):
         return math.inf
-    at_odds = (contradicted(few, found.T_world_camera), 0.0)
+    at_odds = (problem.probe.contradicted(few, found.T_world_camera), 0.0)
     total = 0.0
     for now, usual, wrong in zip(found.fits, first.fits, at_odds, strict=False):
         taken = min(now.share, 1.0 - wrong)
         total += taken * now.mean_cost + wrong * config.kernel**2 + (1.0 - taken - wrong) * usual.mean_cost
-    return config.information * num_points * total + found.prior_cost + found.heading_cost
+    return config.information * len(problem.points) * total + found.prior_cost + found.heading_cost

@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
 from anm_mj.localisation.floor_plane import pose_above_floor
-from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
-from anm_mj.localisation.occupancy_agreement import agreement
-from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
+from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.map_probe import MapProbe
+from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.relocalisation_scores import Hypothesis, believable, frame_score
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
@@ -55,10 +55,6 @@ class Relocaliser:
         self._grids: dict[int, DistanceGrid] = {}
         """By the camera's height, in steps of ``_HEIGHT_M``."""
 
-    @property
-    def _settings(self) -> RegistrationConfig:
-        return self.config.relocalisation.registration(self.config.registration)
-
     def restart(self) -> None:
         """Forget all hypotheses, and the map's distances."""
         self.hypotheses = []
@@ -77,9 +73,7 @@ class Relocaliser:
         points: FramePoints,
         tilts: Sequence[Float[np.ndarray, "4 4"]],
         basis: Float[np.ndarray, "6 k"],
-        align: Aligner,
-        known: Known,
-        occupancy: DepthOccupancy,
+        probe: MapProbe,
         usual_score: float = math.nan,
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
@@ -88,27 +82,23 @@ class Relocaliser:
             points: Of the frame.
             tilts: Camera poses, each with a height and tilt that it may have.
             basis: Directions of motion, as of :class:`~.registration.Prior`.
-            align: The field.
-            known: Which of its places can be trusted.
-            occupancy: What is free and occupied.
+            probe: The map.
             usual_score: As of :func:`~.relocalisation_scores.believable`.
         """
         config = self.config.relocalisation
         near = FramePoints(*(each[points.camera_m[:, 2] <= config.range_m] for each in _fields(points)))
         if len(near) < config.search_points:
             return None
-        deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
-        covariance = basis.T @ np.diag(deviations**2) @ basis
         for hypothesis in self.hypotheses:
-            self._register(hypothesis, points, covariance, basis, align, known, occupancy)
+            self._register(hypothesis, points, basis, probe)
         is_free = basis.shape[1] == len(basis)
         for T_tilt in tilts if len(self.hypotheses) < config.candidates else ():
             T_level = level(T_tilt)
-            for value, T in search(near, T_level, self._grid(occupancy, float(T_level[2, 3]), is_free), config):
+            for value, T in search(near, T_level, self._grid(probe.occupancy, float(T_level[2, 3]), is_free), config):
                 if value > config.most_distance_m:
                     break
                 fresh = Hypothesis(T)
-                self._register(fresh, points, covariance, basis, align, known, occupancy)
+                self._register(fresh, points, basis, probe)
                 if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
                     self.hypotheses.append(fresh)
         self._prune()
@@ -120,12 +110,12 @@ class Relocaliser:
             if not missed:
                 break
             for past in missed:
-                prior = Prior(believed.T_world_camera @ np.linalg.inv(past.T_then_now), covariance, basis)
-                found = register(past.points, prior, align, known, self._settings)
-                believed.score += self._score(past.points, found, occupancy)
+                T_then = believed.T_world_camera @ np.linalg.inv(past.T_then_now)
+                found = register(self._problem(past.points, T_then, basis, probe))
+                believed.score += self._score(past.points, found, probe)
             believed.num_frames += len(missed)
             believed = believable(self.hypotheses, config, usual_score)
-        if believed is not None and self._is_local(believed, points, covariance, basis, align, known, occupancy):
+        if believed is not None and self._is_local(believed, points, basis, probe):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
             return None
@@ -141,52 +131,50 @@ class Relocaliser:
         return self._grids[step]
 
     def _is_local(
-        self,
-        hypothesis: Hypothesis,
-        points: FramePoints,
-        covariance: Float[np.ndarray, "k k"],
-        basis: Float[np.ndarray, "6 k"],
-        align: Aligner,
-        known: Known,
-        occupancy: DepthOccupancy,
+        self, hypothesis: Hypothesis, points: FramePoints, basis: Float[np.ndarray, "6 k"], probe: MapProbe
     ) -> bool:
         """Whether a frame fits better a step aside, where the hypothesis then goes."""
-        config, settings = self.config.relocalisation, self._settings
-        prior = Prior(hypothesis.T_world_camera, covariance, basis)
-        here = best = register(points, prior, align, known, settings)
+        config = self.config.relocalisation
+        problem = self._problem(points, hypothesis.T_world_camera, basis, probe)
+        here = best = register(problem)
         for axis in range(2):
             for side in (-config.spacing_m, config.spacing_m):
                 start = moved_camera(hypothesis.T_world_camera, side * np.eye(6)[axis])
-                other = register(points, prior, align, known, settings, start=start)
+                other = register(problem, start)
                 best = min(best, other, key=lambda each: each.cost)
         change = camera_motion(here.T_world_camera, best.T_world_camera)
         if np.linalg.norm(change[:3]) <= _ASIDE_M:
             hypothesis.T_world_camera = best.T_world_camera
             return False
         # The field alone may fit better where the walls do not: what decides between places decides here too.
-        if self._score(points, best, occupancy) <= self._score(points, here, occupancy):
+        if self._score(points, best, probe) <= self._score(points, here, probe):
             return False
         hypothesis.T_world_camera = best.T_world_camera
         return True
 
     def _register(
-        self,
-        hypothesis: Hypothesis,
-        points: FramePoints,
-        covariance: Float[np.ndarray, "k k"],
-        basis: Float[np.ndarray, "6 k"],
-        align: Aligner,
-        known: Known,
-        occupancy: DepthOccupancy,
+        self, hypothesis: Hypothesis, points: FramePoints, basis: Float[np.ndarray, "6 k"], probe: MapProbe
     ) -> None:
-        prior = Prior(hypothesis.T_world_camera, covariance, basis)
-        found = register(points, prior, align, known, self._settings)
+        found = register(self._problem(points, hypothesis.T_world_camera, basis, probe))
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
-        hypothesis.score += self._score(points, found, occupancy)
+        hypothesis.score += self._score(points, found, probe)
         hypothesis.num_frames += 1
 
-    def _score(self, points: FramePoints, found: Registration, occupancy: DepthOccupancy) -> float:
-        fits = agreement(points.camera_m, found.T_world_camera, occupancy)
+    def _problem(
+        self,
+        points: FramePoints,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        basis: Float[np.ndarray, "6 k"],
+        probe: MapProbe,
+    ) -> RegistrationProblem:
+        """A frame, seen from about a place."""
+        config = self.config.relocalisation
+        deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
+        prior = Prior(T_world_camera, basis.T @ np.diag(deviations**2) @ basis, basis)
+        return RegistrationProblem(points, prior, probe, config.registration(self.config.registration))
+
+    def _score(self, points: FramePoints, found: Registration, probe: MapProbe) -> float:
+        fits = probe.agreement(points, found.T_world_camera)
         return frame_score(fits, found, self.config.relocalisation)
 
     def _prune(self) -> None:

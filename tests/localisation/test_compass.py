@@ -9,11 +9,11 @@ import pytest
 from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.localisation_config import CompassConfig
-from anm_mj.localisation.registration import FREE, PLANAR, Prior, register
+from anm_mj.localisation.registration import FREE, PLANAR, Prior, RegistrationProblem, register
 from anm_mj.localisation.se3 import moved_camera
 from anm_mj.mapping.alignment import NormalEquations
 from anm_mj.types import Observation
-from tests.localisation.test_registration import CONFIG, frame
+from tests.localisation.test_registration import CONFIG, FakeMap, frame
 from tests.mapping.ray_room import Room
 
 VAGUE = np.diag([0.02, 0.02, 0.02]) ** 2
@@ -108,6 +108,6 @@ def test_a_registration_turns_to_the_heading_unless_it_is_an_outlier() -> None:
     prior = Prior(T, np.diag([0.01, 0.01, 1.0]) ** 2, PLANAR)
     for turn_deg, expected_deg in ((0.2, 0.2), (30.0, 0.0)):
         headings = Headings(T, (math.radians(turn_deg),), (math.radians(0.05),), (10.0, 3.0))
-        found = register(points, replace(prior, headings=headings), blind, lambda at: np.ones(len(at), bool), CONFIG)
+        found = register(RegistrationProblem(points, replace(prior, headings=headings), FakeMap(blind), CONFIG))
         yaw = math.degrees(math.atan2(found.T_world_camera[1, 0], found.T_world_camera[0, 0]))
         assert yaw == pytest.approx(expected_deg, abs=0.03)

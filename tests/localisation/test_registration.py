@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import PLANAR, Prior, Sums, register
+from anm_mj.localisation.registration import PLANAR, Prior, RegistrationProblem, Sums, register
 from anm_mj.localisation.registration_starts import displacement_search, register_displaced, register_from_several
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
@@ -40,63 +40,64 @@ def align(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettin
     return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
 
 
-def test_a_false_minimum_is_left() -> None:
-    points = frame()
+class FakeMap:
+    """A map that knows all places; the field and the poses at odds with it are given."""
+
+    def __init__(self, align, contradicted=lambda _points, _T: 0.0) -> None:
+        self.align, self.contradicted = align, contradicted
+
+    def known(self, points_m: np.ndarray) -> np.ndarray:
+        return np.ones(len(points_m), bool)
+
+
+def before_the_false_minimum(**settings) -> RegistrationProblem:
     T = np.eye(4)
     T[0, 3] = FALSE_M - 0.02
     prior = Prior(T, np.diag([0.05**2, 0.01**2, 0.01**2]), PLANAR)
-    first = register(points, prior, align, lambda at: np.ones(len(at), bool), CONFIG)
+    return RegistrationProblem(frame(), prior, FakeMap(align), replace(CONFIG, **settings))
+
+
+def test_a_false_minimum_is_left() -> None:
+    problem = before_the_false_minimum()
+    first = register(problem)
     assert abs(first.T_world_camera[0, 3] - FALSE_M) < 0.01
-    arguments = points, prior, align, lambda at: np.ones(len(at), bool), lambda _points, _T: 0.0, CONFIG, None
-    best = register_from_several(*arguments, np.random.default_rng(1), first)
+    best = register_from_several(problem, np.random.default_rng(1), first)
     assert abs(best.T_world_camera[0, 3] - RIGHT_M) < 0.01
     assert best.mean_cost < first.mean_cost
 
 
 def test_a_pose_that_the_map_contradicts_is_not_taken() -> None:
-    points = frame()
-    T = np.eye(4)
-    T[0, 3] = FALSE_M - 0.02
-    prior = Prior(T, np.diag([0.05**2, 0.01**2, 0.01**2]), PLANAR)
-    first = register(points, prior, align, lambda at: np.ones(len(at), bool), CONFIG)
-
     def contradicted(_points: FramePoints, T_world_camera: np.ndarray) -> float:
         return 1.0 if abs(T_world_camera[0, 3] - RIGHT_M) < 0.05 else 0.0
 
-    arguments = points, prior, align, lambda at: np.ones(len(at), bool), contradicted, CONFIG, None
-    best = register_from_several(*arguments, np.random.default_rng(1), first)
-    assert best is first
+    problem = replace(before_the_false_minimum(), probe=FakeMap(align, contradicted))
+    first = register(problem)
+    assert register_from_several(problem, np.random.default_rng(1), first) is first
 
 
 @pytest.mark.parametrize(("agreeing", "most_prior", "ends_early"), [(2, 1e6, True), (13, 1e6, False), (2, 1e-6, False)])
 def test_the_search_ends_where_starts_agree_about_a_place_that_can_be_believed(
     agreeing, most_prior, ends_early
 ) -> None:
-    points = frame()
-    T = np.eye(4)
-    T[0, 3] = FALSE_M - 0.02
-    prior = Prior(T, np.diag([0.05**2, 0.01**2, 0.01**2]), PLANAR)
-    arguments = points, prior, align, lambda at: np.ones(len(at), bool)
-    config = replace(CONFIG, retry_starts=12, retry_agreeing=agreeing, most_prior=most_prior)
+    problem = before_the_false_minimum(retry_starts=12, retry_agreeing=agreeing, most_prior=most_prior)
     rng = Mock(np.random.Generator, wraps=np.random.default_rng(1))
 
-    register_from_several(*arguments, lambda _points, _T: 0.0, config, None, rng, register(*arguments, config))
+    register_from_several(problem, rng, register(problem))
 
     assert (rng.standard_normal.call_count < 12) is ends_early
 
 
 def test_a_jump_is_not_taken() -> None:
-    points = frame()
     T = np.eye(4)
     T[0, 3] = FALSE_M
     # The better place is ten standard deviations away.
     prior = Prior(T, np.diag([0.01**2, 0.01**2, 0.01**2]), PLANAR)
-    first = register(points, prior, align, lambda at: np.ones(len(at), bool), CONFIG)
-    arguments = points, prior, align, lambda at: np.ones(len(at), bool), lambda _points, _T: 0.0
+    problem = replace(before_the_false_minimum(), prior=prior)
+    first = register(problem)
     rng = np.random.default_rng
     wide = replace(CONFIG, retry_deviations=8.0, information=5.0)
-    assert register_from_several(*arguments, wide, None, rng(1), first) is first
-    far = register_from_several(*arguments, replace(wide, most_prior=1e6), None, rng(1), first)
+    assert register_from_several(replace(problem, config=wide), rng(1), first) is first
+    far = register_from_several(replace(problem, config=replace(wide, most_prior=1e6)), rng(1), first)
     assert abs(far.T_world_camera[0, 3] - RIGHT_M) < 0.02
 
 
@@ -132,22 +133,39 @@ def silent(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSetti
 
 
 def test_a_displacement_before_a_near_wall_is_looked_for() -> None:
-    points, T = frame(), np.eye(4)
+    T = np.eye(4)
     T[1, 3] = 0.03
     prior = Prior(T, np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
-    arguments = points, prior, silent, lambda at: np.ones(len(at), bool)
     picture = NarrowPicture()
-    first = register(*arguments, CONFIG, picture)
+    problem = RegistrationProblem(frame(), prior, FakeMap(silent), CONFIG, picture)
+    first = register(problem)
     assert abs(first.T_world_camera[1, 3]) > 0.02
-    found = register_displaced(*arguments, lambda _points, _T: 0.0, CONFIG, picture, first)
+    found = register_displaced(problem, picture, first)
     assert abs(found.T_world_camera[1, 3]) < 0.004
     assert abs(found.T_world_camera[0, 3]) < 0.001
 
 
 def test_a_displacement_that_is_known_is_not_looked_for() -> None:
-    prior = Prior(np.eye(4), np.diag([0.02, 0.002, 0.001]) ** 2, PLANAR)
-    assert displacement_search(frame(), prior, NarrowPicture(), CONFIG, np.eye(4)) is None
+    vague = Prior(np.eye(4), np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
+    problem = RegistrationProblem(frame(), vague, FakeMap(silent), CONFIG, NarrowPicture())
+    assert displacement_search(problem, NarrowPicture(), np.eye(4)) is not None
+    sure = Prior(np.eye(4), np.diag([0.02, 0.002, 0.001]) ** 2, PLANAR)
+    assert displacement_search(replace(problem, prior=sure), NarrowPicture(), np.eye(4)) is None
     far = replace(frame(), camera_m=10.0 * frame().camera_m)
+    assert displacement_search(replace(problem, points=far), NarrowPicture(), np.eye(4)) is None
+
+
+def test_a_search_leaves_out_places_that_slide_out_of_view() -> None:
+    class Edge(NarrowPicture):
+        """Far aside hardly a point is left, and these fit by chance."""
+
+        def __call__(self, T_world_camera: np.ndarray, kernel: float, coarse: bool) -> Sums:
+            sums = super().__call__(T_world_camera, kernel, coarse)
+            is_aside = abs(T_world_camera[1, 3]) > 0.04
+            return sums._replace(num_points=100.0, mean_gray_cost=-1.0) if is_aside else sums
+
     prior = Prior(np.eye(4), np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
-    assert displacement_search(frame(), prior, NarrowPicture(), CONFIG, np.eye(4)) is not None
-    assert displacement_search(far, prior, NarrowPicture(), CONFIG, np.eye(4)) is None
+    problem = RegistrationProblem(frame(), prior, FakeMap(silent), CONFIG, Edge())
+    found = displacement_search(problem, Edge(), np.eye(4))
+    assert found is not None
+    assert abs(found[1, 3]) < 0.004
