@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
 from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.mapping.backends.select import DEVICES
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
@@ -29,7 +30,6 @@ from anm_mj.utils.settings import of_type
 _logger = logging.getLogger(__name__)
 
 BUDGETS = ("scene", "area", "rooms")
-DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
 MOST_STEPS = 10**9

@@ -4,8 +4,8 @@ Each walks along a path to a place drawn from the seed, stands there for a while
 (Helbing and Molnar, Physical Review E 51, 1995) drives it along the path and pushes it away from walls, other people
 and the robot: exponentials of the distance between bodies as in Helbing, Farkas and Vicsek (Nature 407, 2000), weaker
 for what lies behind (Johansson, Helbing and Shukla, Advances in Complex Systems 10, 2007). A step that would touch
-somebody is not made, so people never walk into the robot. Where each goes, and for how long it stands, depends on the
-seed alone; the way there on who else is in it.
+somebody is not made, so people never walk into the robot. Where each goes, and for how long it stands, is drawn from
+the seed; the way there depends on who else is in it, and who is stuck goes elsewhere.
 
 A vacuum robot drives straight, and turns to a heading drawn from the seed where the next step would touch anything. A
 chair is pushed once, straight to another place with room around it. Doors are those of
@@ -191,7 +191,7 @@ class Crowd:
         return (*self.xy_m[-1].tolist(), float(self.yaw_rad[-1])) if self.config.has_chair else None
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether the robot would touch somebody on a straight line, and come nearer to them by it; doors are walls."""
+        """Whether the robot would touch somebody on a straight line, and come nearer to them by it."""
         along = end_m - start_m
         share = ((self.xy_m - start_m) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
         nearest_m = np.linalg.norm(self.xy_m - start_m - share[:, None] * along, axis=1)

@@ -16,9 +16,8 @@ from anm_mj.io.read_run import Run
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.replay.growth import first_seen
 from anm_mj.utils.progress import Progress, unheard
+from anm_mj.viz.shapes import CEILING_CUT_M
 
-CEILING_CUT_M = 2.0
-"""Faces above this height are left out, for a look into the rooms from above [m]."""
 LARGE_M2, FAR_M = 1.0, 0.3
 """Pieces of the surface of less area are left out where no larger one lies above, below or so near beside them [m]."""
 

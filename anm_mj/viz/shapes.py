@@ -20,7 +20,7 @@ from meshcat.geometry import (
 from anm_mj.types import Intrinsics, Region, VoronoiGraph
 
 CEILING_CUT_M = 2.0
-"""The view omits faces above this height, for a look into the rooms from above [m]."""
+"""Views and replays omit faces above this height, for a look into the rooms from above [m]."""
 GRAPH_HEIGHT_M, TRAJECTORY_HEIGHT_M, PATH_HEIGHT_M = 0.03, 0.04, 0.05
 """Heights of the bands above the floor, all different against flickering [m]."""
 GRAPH_WIDTH_M, TRAJECTORY_WIDTH_M, PATH_WIDTH_M = 0.025, 0.045, 0.05
