@@ -28,7 +28,7 @@ test-all: lint types ## The same with the slow tests.
 test-pythons: ## Test with every Python that is supported, each in a clone of its own; half an hour.
 	@for version in 3.11 3.12 3.13; do \
 		rm -rf build/python$$version && git clone -q . build/python$$version && \
-		$(MAKE) -C build/python$$version test PYTHON=$$version || exit 1; \
+		make -C build/python$$version test PYTHON=$$version || exit 1; \
 	done
 
 test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
