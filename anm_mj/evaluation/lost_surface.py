@@ -11,7 +11,7 @@ _REACH = 2
 """A sample counts as observed up to 5 cm from what was measured: two voxels away, where it lies at an edge."""
 
 
-def lost_percent(grid: OccupancyGrid, samples_m: Float[np.ndarray, "n 3"]) -> float | None:
+def surface_lost_percent(grid: OccupancyGrid, samples_m: Float[np.ndarray, "n 3"]) -> float | None:
     """Share of points on the observed surface that the map takes for free, with nothing occupied near them [%]. None of
     no points.
     """

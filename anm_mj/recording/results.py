@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.evaluation.completion import COVERED_M
-from anm_mj.evaluation.lost_surface import lost_percent
+from anm_mj.evaluation.lost_surface import surface_lost_percent
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
 from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
@@ -151,7 +151,7 @@ def write_results(
     # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
     curve.last()
     if recorder.truth is not None:
-        lost = lost_percent(finished.occupancy_grid(), recorder.truth.samples[curve.distance_m < COVERED_M])
+        lost = surface_lost_percent(finished.occupancy_grid(), recorder.truth.samples[curve.distance_m < COVERED_M])
         summary = replace(summary, surface_lost_percent=lost)
     uncapped_cm: list[float | None] = [None]
     truth = recorder.truth

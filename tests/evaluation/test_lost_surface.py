@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.evaluation.lost_surface import lost_percent
+from anm_mj.evaluation.lost_surface import surface_lost_percent
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
@@ -15,6 +15,6 @@ def test_surface_that_was_carved_away_is_lost():
     z, y = np.mgrid[:20, :20].reshape(2, -1)
     wall_m = np.stack([np.full(400, 10), y, z], axis=1) * 0.05 + 0.025 + grid.origin_m
 
-    assert lost_percent(grid, wall_m) == pytest.approx(100.0 * 25 / 400)
-    assert lost_percent(grid, wall_m + np.array([9.0, 0.0, 0.0])) == 0.0
-    assert lost_percent(grid, wall_m[:0]) is None
+    assert surface_lost_percent(grid, wall_m) == pytest.approx(100.0 * 25 / 400)
+    assert surface_lost_percent(grid, wall_m + np.array([9.0, 0.0, 0.0])) == 0.0
+    assert surface_lost_percent(grid, wall_m[:0]) is None
