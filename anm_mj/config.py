@@ -16,8 +16,7 @@ from typing import Any, TypeVar
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.mapping.backends.select import DEVICES
-from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
+from anm_mj.mapping.mapping_config import DEVICES, MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry

@@ -9,6 +9,8 @@ from anm_mj.utils.settings import Settings, setting
 
 ENGINES = ("auto", "native", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
+DEVICES = ("auto", "cpu", "cuda")
+"""Names of what they compute on."""
 
 
 GEOMETRIES = ("field", "occupancy")

@@ -5,9 +5,7 @@ Torch is imported only where it computes: a run with the native engine saves its
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
-from anm_mj.mapping.mapping_config import MappingConfig
-
-DEVICES = ("auto", "cpu", "cuda")
+from anm_mj.mapping.mapping_config import DEVICES, MappingConfig
 
 
 def choose_engine(engine: str, device: str) -> str:
