@@ -31,8 +31,7 @@ def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.ran
     """
     extra, config = problem.extra, problem.config
     found = register(problem, None if extra is None else rotation_search(problem.prior, extra, config))
-    if extra is not None:
-        found = register_displaced(problem, extra, found)
+    found = register_displaced(problem, found)
     if may_be_wrong(problem.prior, found, costs, config):
         found = register_from_several(problem, rng, found)
     return found
@@ -75,7 +74,7 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
 
 
 def displacement_search(
-    problem: RegistrationProblem, extra: Extra, T_world_camera: Float[np.ndarray, "4 4"]
+    problem: RegistrationProblem, T_world_camera: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "4 4"] | None:
     """Where the last image puts a camera whose displacement is vague, along what that image constrains least.
 
@@ -83,14 +82,15 @@ def displacement_search(
     looked for. By grey values, if there are any: what slides out of view takes its cost in depth along.
 
     Args:
-        problem: The frame.
-        extra: The images.
+        problem: The frame, with the images.
         T_world_camera: Where the search begins; its rotation is kept.
 
     Returns:
-        The place that costs least; None if the displacement is known to some pixels.
+        The place that costs least; None if the displacement is known to some pixels, or there are no images.
     """
-    prior, config = problem.prior, problem.config
+    prior, config, extra = problem.prior, problem.config, problem.extra
+    if extra is None:
+        return None
     few = extra.subsample(config.retry_points)
     free = np.flatnonzero(np.any(prior.basis[:3] != 0.0, axis=0))
     if not len(free):
@@ -174,13 +174,13 @@ def register_from_several(problem: RegistrationProblem, rng: np.random.Generator
     return best if best is first else register(problem, best.T_world_camera)
 
 
-def register_displaced(problem: RegistrationProblem, extra: Extra, first: Registration) -> Registration:
+def register_displaced(problem: RegistrationProblem, first: Registration) -> Registration:
     """The likelier of a registration and of that from where :func:`displacement_search` leads.
 
     While the kernel is wide and images are coarse, what hardly constrains a displacement lets go of it: this one begins
-    with the last kernel. Arguments as of :func:`registered` and :func:`displacement_search`.
+    with the last kernel. Arguments as of :func:`registered`.
     """
-    start = displacement_search(problem, extra, first.T_world_camera)
+    start = displacement_search(problem, first.T_world_camera)
     if start is None:
         return first
     found = register(replace(problem, config=replace(problem.config, shrink_iterations=0)), start)

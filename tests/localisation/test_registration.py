@@ -140,7 +140,7 @@ def test_a_displacement_before_a_near_wall_is_looked_for() -> None:
     problem = RegistrationProblem(frame(), prior, FakeMap(silent), CONFIG, picture)
     first = register(problem)
     assert abs(first.T_world_camera[1, 3]) > 0.02
-    found = register_displaced(problem, picture, first)
+    found = register_displaced(problem, first)
     assert abs(found.T_world_camera[1, 3]) < 0.004
     assert abs(found.T_world_camera[0, 3]) < 0.001
 
@@ -148,11 +148,12 @@ def test_a_displacement_before_a_near_wall_is_looked_for() -> None:
 def test_a_displacement_that_is_known_is_not_looked_for() -> None:
     vague = Prior(np.eye(4), np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
     problem = RegistrationProblem(frame(), vague, FakeMap(silent), CONFIG, NarrowPicture())
-    assert displacement_search(problem, NarrowPicture(), np.eye(4)) is not None
+    assert displacement_search(problem, np.eye(4)) is not None
     sure = Prior(np.eye(4), np.diag([0.02, 0.002, 0.001]) ** 2, PLANAR)
-    assert displacement_search(replace(problem, prior=sure), NarrowPicture(), np.eye(4)) is None
+    assert displacement_search(replace(problem, prior=sure), np.eye(4)) is None
     far = replace(frame(), camera_m=10.0 * frame().camera_m)
-    assert displacement_search(replace(problem, points=far), NarrowPicture(), np.eye(4)) is None
+    assert displacement_search(replace(problem, points=far), np.eye(4)) is None
+    assert displacement_search(replace(problem, extra=None), np.eye(4)) is None
 
 
 def test_a_search_leaves_out_places_that_slide_out_of_view() -> None:
@@ -166,6 +167,6 @@ def test_a_search_leaves_out_places_that_slide_out_of_view() -> None:
 
     prior = Prior(np.eye(4), np.diag([0.02, 0.02, 0.001]) ** 2, PLANAR)
     problem = RegistrationProblem(frame(), prior, FakeMap(silent), CONFIG, Edge())
-    found = displacement_search(problem, Edge(), np.eye(4))
+    found = displacement_search(problem, np.eye(4))
     assert found is not None
     assert abs(found[1, 3]) < 0.004
