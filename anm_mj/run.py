@@ -161,11 +161,13 @@ def run_loop(
     interrupted = ended.stop_reason is StopReason.INTERRUPTED
     if interrupted:
         checkpointer.finish(ended.num_steps, resumable=True)
-    load_writers(recorder)
+    recorder.flush()
     wall_s = time.perf_counter() - begin
     # What the renderer took is needed for the final training, the mesh and its comparison with the truth.
     parts.robot.close()
     malloc_trim()
+    # They take 50 MB themselves.
+    load_writers(recorder)
     # The last checkpoint holds what a resumed run goes on from; nobody shows this map anything any more.
     if interrupted or config.goal == "coverage":
         mapper.settle_moved()

@@ -93,9 +93,7 @@ class ReturnFacts(NamedTuple):
 
 
 def load_writers(recorder: RunRecorder) -> None:
-    """Wait until everything is written, and begin to load what pictures and mesh are written with."""
-    recorder.flush()
-    # No run waits for these before its first step.
+    """Begin to load what pictures and mesh are written with: no run waits for these before its first step."""
     for name in ("anm_mj.viz.plots", "trimesh"):
         recorder.background.submit(functools.partial(importlib.import_module, name))
 

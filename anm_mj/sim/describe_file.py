@@ -15,7 +15,6 @@ from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.model_path import find_uri, world_places
-from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.importing.readers.xacro_file import XACRO, expanded
 from anm_mj.scene.submesh import merge_geometry
 from anm_mj.utils.read_file import read_bytes
@@ -86,6 +85,9 @@ def _take_meshes(robot: ET.Element, path: Path) -> dict[str, tuple[np.ndarray, n
 
 def _hull(file: Path, report: ImportReport) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
+
+    # Of the robots, only a URDF has meshes of formats that these libraries read.
+    from anm_mj.scene.importing.readers.read_mesh import read_mesh
 
     vertices, faces = merge_geometry(read_mesh(file, report))
     try:

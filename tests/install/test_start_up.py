@@ -40,6 +40,24 @@ def test_without_the_compiled_module_a_run_ends_with_one_sentence(tmp_path):
     assert "Traceback" not in done.stderr
 
 
+def test_the_loop_begins_without_what_reads_scenes_and_draws(tmp_path):
+    program = (
+        "import sys\n"
+        "import anm_mj.run\n"
+        "from anm_mj.cli.main import main\n"
+        "explore = anm_mj.run.explore\n"
+        "def begin(*args, **options):\n"
+        "    found.update(sys.modules)\n"
+        "    return explore(*args, **options)\n"
+        "found, anm_mj.run.explore = set(), begin\n"
+        f"assert main({['explore', 'room', '--steps', '2', '--out', 'run', *QUICK]}) == 0\n"
+        "assert found, 'no loop has begun'\n"
+        "unneeded = found & {'trimesh', 'networkx', 'shapely', 'lxml', 'matplotlib'}\n"
+        "assert not unneeded, unneeded\n"
+    )
+    loaded(program, tmp_path)
+
+
 @pytest.mark.slow
 def test_a_run_with_the_native_engine_loads_no_torch(tmp_path):
     words = ["explore", "room", "--steps", "2", "--out", "run", "--set", "mapping.engine=native", *QUICK]

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
-from anm_mj.errors import AnmError, PlanError
+from anm_mj.errors import AnmError, InstallError, PlanError
 from anm_mj.utils.close_names import close_name
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def needs_truth(name: str) -> bool:
 
 def policy_class(name: str) -> Any:
     """The class of a policy. Raises PlanError if the name is unknown, or the module or class cannot be found or lacks a
-    method.
+    method, and InstallError if the package itself lacks a part.
 
     Args:
         name: a key of :func:`policies`, or ``module:Class`` for one of the user's own.
@@ -102,6 +102,8 @@ def policy_class(name: str) -> Any:
     module_name, _, class_name = policy_entry(name).path.partition(":")
     try:
         module = importlib.import_module(module_name)
+    except InstallError:
+        raise
     # A module of the user's own may raise anything while it is imported.
     except (Exception, SystemExit) as err:
         raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}).") from err

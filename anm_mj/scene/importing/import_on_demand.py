@@ -7,7 +7,6 @@ from pathlib import Path
 
 from anm_mj.mjcf.read_mjcf import is_mjcf, named_files
 from anm_mj.scene.folder import TOML, XML
-from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.named_scenes import find_named, is_name
 from anm_mj.utils.files import cache_folder
 
@@ -32,6 +31,9 @@ def folder_of(name_or_path: str) -> str:
         return str(path.parent)
     out = cache_folder("imported") / f"{path.stem}-{_state_of(path)}"
     if not (out / TOML).is_file():
+        # Its libraries take a second and 40 MB, which a run in a scene of the catalogue does not need.
+        from anm_mj.scene.importing.import_scene import import_scene
+
         import_scene(Path(name_or_path), out, name=path.stem)
         _logger.info(
             "imported %s as it is; `anm-mj scene import` has options, and keeps the scene where you want it",
