@@ -24,7 +24,7 @@ from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
-from anm_mj.recording.results import ReturnFacts, load_writers, write_results
+from anm_mj.recording.results import ReturnFacts, load_mesh_library, write_results
 from anm_mj.run_parts import Parts, make_parts
 from anm_mj.types import Observation, Plan, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
@@ -166,8 +166,7 @@ def run_loop(
     # What the renderer took is needed for the final training, the mesh and its comparison with the truth.
     parts.robot.close()
     malloc_trim()
-    # They take 50 MB themselves.
-    load_writers(recorder)
+    load_mesh_library(recorder)
     # The last checkpoint holds what a resumed run goes on from; nobody shows this map anything any more.
     if interrupted or config.goal == "coverage":
         mapper.settle_moved()

@@ -92,10 +92,9 @@ class ReturnFacts(NamedTuple):
         return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m) if poses else None)
 
 
-def load_writers(recorder: RunRecorder) -> None:
-    """Begin to load what pictures and mesh are written with: no run waits for these before its first step."""
-    for name in ("anm_mj.viz.plots", "trimesh"):
-        recorder.background.submit(functools.partial(importlib.import_module, name))
+def load_mesh_library(recorder: RunRecorder) -> None:
+    """Begin to load what meshes are written with: no run waits for it before its first step."""
+    recorder.background.submit(functools.partial(importlib.import_module, "trimesh"))
 
 
 def write_results(

@@ -239,7 +239,7 @@ class PhysicsDrive(WheelDrive):
         self._note()
         for _ in range(_SUBSTEPS):
             mujoco.mj_step(self._model, self._data)
-            if forward and self._contacts.blocks(self._base.pose.yaw_rad):
+            if forward and self._contacts.blocks(self._base):
                 return True
         self._odometer.update(self._base.wheel_angles_rad)
         # MuJoCo has reset the simulation and its clock, so that no motion would ever end.

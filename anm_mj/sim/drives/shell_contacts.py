@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 
-from anm_mj.robot.base_joints import element_id
+from anm_mj.robot.base_joints import PlanarBase, SimulatedBase, element_id
 
 _BLOCKING_COS = 0.25
 """A contact blocks a forward motion if the cosine between the heading and its outward normal is larger; along contacts
@@ -29,11 +29,12 @@ class ShellContacts:
         near = self._is_shell[self._data.contact.geom]
         return bool((near[:, 0] != near[:, 1]).any())
 
-    def blocks(self, yaw_rad: float) -> bool:
-        """Whether the shell touches something in the direction of a heading that cannot be pushed."""
+    def blocks(self, base: SimulatedBase | PlanarBase) -> bool:
+        """Whether the shell touches something in the direction of a base's heading that cannot be pushed."""
         touching = self._is_shell[self._data.contact.geom]
         if not touching.any():
             return False
+        yaw_rad = base.pose.yaw_rad
         for contact, (first_is_robot, second_is_robot) in zip(self._data.contact, touching, strict=True):
             if first_is_robot == second_is_robot or contact.dist > 0.0:
                 continue
