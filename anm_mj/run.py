@@ -151,7 +151,7 @@ def run_loop(
         resumed_at=state.step if state.observation is not None else None,
     )
     for observer in observers:
-        observer.on_event(Started(folder.path, config.steps, lambda: recorder.completion))
+        observer.on_event(Started(folder.path, config.steps, lambda: recorder.completion, parts.robot.footprint))
     robot = AnticipatingRobot(parts.robot, state)
     keeper = _StateKeeper(checkpointer, config.steps)
     followers = (robot, recorder, *observers, keeper)

@@ -207,5 +207,6 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         robot.camera_kind,
         config.sensor.name,
         config.people.number,
+        robot.footprint,
         config.reality,
     )

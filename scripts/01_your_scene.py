@@ -15,7 +15,7 @@ import tyro
 import anm_mj
 from anm_mj.scene.check import check_scene
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 BOXES = (
     # size [m], centre [m], colour

@@ -27,11 +27,11 @@ from rich.table import Table
 from anm_mj.frames import move_pose
 from anm_mj.scene.folder import Scene, load_scene, read_scene_folder
 from anm_mj.scene.mjcf import read_msh
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
+from anm_mj.scene.navigable import scene_area
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.sim.gl import select_backend
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, FORWARD_STEP_M, TURN_STEP_RAD, Pose2
 
 CAMERA_HEIGHT_M = 1.25
 IMAGE_PX = 256

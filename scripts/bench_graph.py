@@ -33,8 +33,7 @@ from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
 from anm_mj.scene.generation.building_map import generated_map
 from anm_mj.scene.generation.layout import BuildingKind
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
-from anm_mj.types import FREE, OCCUPIED, OccupancyGrid, Pose2, TopDownMap
+from anm_mj.types import DEFAULT_FOOTPRINT, FREE, OCCUPIED, OccupancyGrid, Pose2, TopDownMap
 
 CELL_M = 0.05
 MOST_ROOMS = 60

@@ -1,6 +1,7 @@
 """Measures whether a long run stays as quick and as small as it was: steps, memory and disk, thousand by thousand.
 
     python scripts/bench_long_run.py aws_hospital --steps 20000 --out runs/long --figure long.png
+    python scripts/bench_long_run.py aws_hospital --reality real
     python scripts/bench_long_run.py white_room --policy random --steps 10000
 
 The run is one of ``anm-mj explore --goal both``, recording included. "ms" is the median wall time of a step, "CPU" the
@@ -134,6 +135,7 @@ def main(
     scene: Annotated[str, tyro.conf.Positional],
     steps: int = 20_000,
     policy: str = "gvg",
+    reality: str = "ideal",
     out: Path = Path("runs/long"),
     figure: Path | None = None,
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
@@ -144,13 +146,14 @@ def main(
         scene: name or folder of a scene.
         steps: budget.
         policy: who explores.
+        reality: the world and its errors.
         out: the run folder.
         figure: where the curves are drawn.
         json_file: where the rows go too.
     """
     meter = Meter(out)
     try:
-        anm_mj.explore_scene(scene, policy=policy, steps=steps, out=out, on_step=meter.step)
+        anm_mj.explore_scene(scene, policy=policy, steps=steps, reality=reality, out=out, on_step=meter.step)
     except AnmError as err:
         print(err, file=sys.stderr)
         sys.exit(2)
@@ -166,7 +169,7 @@ def main(
     if math.isfinite(growth):
         print(f"memory grows by {growth:.2f} MiB per {PART} steps once the scene is covered")
     if figure is not None:
-        draw(meter.rows, f"{scene}, {policy}", figure)
+        draw(meter.rows, f"{scene}, {policy}, {reality} world", figure)
     if json_file is not None:
         json_file.write_text(json.dumps([asdict(row) for row in meter.rows], indent=2) + "\n")
 

@@ -5,7 +5,9 @@
 
 Takes run folders and outputs of ``anm-mj bench``, and runs scenes itself, on the occupancy grid alone
 (``scripts/bench_planner.py``), which takes seconds each. The kind is the one that most was expected of. What was
-expected is the part of each target's promise that the robot then looked at; what it left on the way does not count.
+expected is the part of each target's promise that the robot then looked at; what it left on the way does not count. The
+last column holds the whole promise of the targets that were judged, those not left on the way, against what they
+brought.
 """
 
 from collections import defaultdict
@@ -73,6 +75,7 @@ def main(
         of = ", ".join((*map(str, folders), *scenes)) or "nothing; name run folders, or scenes by --scenes"
         raise AnmError(f"No run in {of} has closed a target; gvg writes what each brought.")
     columns = "", "targets", "left on the way", "promised [m²]", "expected [m²]", "realised [m²]", "realised / expected"
+    columns = *columns, "judged: realised / promised"
     print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
     for title, key in (("kind", 1), ("scene", 0)):
         groups: dict[str, list[_Outcome | TargetOutcome]] = defaultdict(list)
@@ -104,11 +107,23 @@ def _outcomes(folder: Path) -> Iterator[tuple[str, str, _Outcome]]:
 
 
 def _print_row(name: str, outcomes: Sequence[_Outcome | TargetOutcome]) -> None:
-    keys = "promised_m2", "expected_m2", "realised_m2"
-    promised, expected, realised = (sum(getattr(o, key) for o in outcomes) for key in keys)
-    ratio = f"{realised / expected:.2f}" if expected > 0.0 else "-"
-    left = sum(not outcome.judged for outcome in outcomes)
-    print(f"| {name} | {len(outcomes)} | {left} | {promised:.1f} | {expected:.1f} | {realised:.1f} | {ratio} |")
+    promised, expected, realised = _sums(outcomes)
+    judged = [outcome for outcome in outcomes if outcome.judged]
+    of_judged, _, brought = _sums(judged)
+    areas = " | ".join(f"{area:.1f}" for area in (promised, expected, realised))
+    ratios = f"{_ratio(realised, expected)} | {_ratio(brought, of_judged)}"
+    print(f"| {name} | {len(outcomes)} | {len(outcomes) - len(judged)} | {areas} | {ratios} |")
+
+
+def _sums(outcomes: Sequence[_Outcome | TargetOutcome]) -> tuple[float, float, float]:
+    """What targets promised, what was expected of them, and what they brought [m2]."""
+    promised = sum(outcome.promised_m2 for outcome in outcomes)
+    expected = sum(outcome.expected_m2 for outcome in outcomes)
+    return promised, expected, sum(outcome.realised_m2 for outcome in outcomes)
+
+
+def _ratio(part: float, whole: float) -> str:
+    return f"{part / whole:.2f}" if whole > 0.0 else "-"
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from anm_mj.bench.line_styles import legend_name, style
 from anm_mj.bench.run_result import OBSERVABLE, Result, drawn_variants
 from anm_mj.scene.folder import Scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
+from anm_mj.scene.navigable import scene_area
+from anm_mj.types import DEFAULT_FOOTPRINT
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 
 WALL, UNREACHED, FLOOR = 0.25, 0.85, 1.0

@@ -29,8 +29,8 @@ def scene_check(scene: str, *, out: NewFile | None = None) -> Report:
     from anm_mj.cli.console import PlainConsole, busy, say_problems
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.folder import load_scene
-    from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
     from anm_mj.sim.gl import select_backend
+    from anm_mj.types import DEFAULT_FOOTPRINT
 
     require_ending(out, (".png", ".pdf", ".svg"))
     world = load_scene(scene)

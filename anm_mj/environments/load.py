@@ -16,9 +16,8 @@ from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import select_backend
-from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.sim.simulation_config import SimulationConfig
-from anm_mj.types import Footprint
+from anm_mj.types import DEFAULT_FOOTPRINT, Footprint
 
 TASKS = ("explore",)
 
@@ -81,7 +80,7 @@ def _footprint(config: SimulationConfig) -> Footprint:
     """The body of a robot, which decides where episodes may start."""
     path = robot_path(config.robot)
     if config.robot == DEFAULT_ROBOT:
-        return FOOTPRINT
+        return DEFAULT_FOOTPRINT
     select_backend()  # MuJoCo, which reads the file, must not be imported before.
     from anm_mj.sim.describe_file import describe_file
 

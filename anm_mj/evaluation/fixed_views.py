@@ -24,8 +24,7 @@ from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
-from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.types import Intrinsics, Observation, Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, Intrinsics, Observation, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 from anm_mj.utils.progress import Progress, unheard
 
@@ -83,9 +82,9 @@ def evaluate_fixed_views(
 
 def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:
     """The views as the simulator renders them, and as the cache holds them."""
-    places = scene_area(scene, FOOTPRINT).places(1)
+    places = scene_area(scene, DEFAULT_FOOTPRINT).places(1)
     candidates = candidate_poses(places, int(scene.hash[:8], 16))
-    poses = list(islice((pose for pose in candidates if is_clear(scene, pose, FOOTPRINT)), num_views))
+    poses = list(islice((pose for pose in candidates if is_clear(scene, pose, DEFAULT_FOOTPRINT)), num_views))
     seen = list(observe_at(scene, poses, VIEW_PX))
     camera = seen[0].intrinsics
     depth_mm = np.stack([np.nan_to_num(view.depth_m * 1000.0, nan=0.0, posinf=0.0) for view in seen])
@@ -102,7 +101,7 @@ def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:
 
 def _key(scene: Scene, num_views: int) -> str:
     """A name made from everything that the views depend on."""
-    digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{num_views}\0{VIEW_PX}\0{FOOTPRINT}\0".encode())
+    digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{num_views}\0{VIEW_PX}\0{DEFAULT_FOOTPRINT}\0".encode())
     digest.update(robot_path(DEFAULT_ROBOT).read_bytes())
     return digest.hexdigest()[:32]
 

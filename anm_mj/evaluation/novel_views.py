@@ -24,8 +24,7 @@ from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
-from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.types import OCCUPIED, Observation, OccupancyGrid, Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, OCCUPIED, Observation, OccupancyGrid, Pose2
 from anm_mj.utils.progress import Progress, unheard
 
 NUM_VIEWS = 8
@@ -88,10 +87,10 @@ def novel_places(
 def _novel_views(record: Run, world: Scene, seed: int) -> Iterator[Observation]:
     """The simulator's views at novel poses that are clear of obstacles."""
     trajectory = np.array([frame.true_pose.xy_m for frame in record.frames])
-    places = scene_area(world, FOOTPRINT).places(1)
+    places = scene_area(world, DEFAULT_FOOTPRINT).places(1)
     novel = {tuple(place) for place in novel_places(places, trajectory, FAR_M).tolist()}
     tried = (pose for pose in candidate_poses(places, seed) if (pose.x_m, pose.y_m) in novel)
-    clear = (pose for pose in islice(tried, MAX_TRIED) if is_clear(world, pose, FOOTPRINT))
+    clear = (pose for pose in islice(tried, MAX_TRIED) if is_clear(world, pose, DEFAULT_FOOTPRINT))
     return observe_at(world, clear, record.intrinsics.width, record)
 
 

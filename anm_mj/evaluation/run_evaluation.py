@@ -38,7 +38,7 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
+from anm_mj.types import DEFAULT_FOOTPRINT
 from anm_mj.utils.files import write_text
 from anm_mj.utils.progress import Progress, unheard
 
@@ -203,7 +203,8 @@ def _covered_before(folder: RunFolder, truth: GroundTruth) -> Float32[np.ndarray
 
 def _with_observable(run: Run, truth: GroundTruth, on_progress: Progress) -> GroundTruth:
     """The same ground truth with its observable part, if robot and scene are still those of the run."""
-    if run.manifest.get("robot") != DEFAULT_ROBOT:
+    footprint = run.footprint or (DEFAULT_FOOTPRINT if run.manifest.get("robot") == DEFAULT_ROBOT else None)
+    if footprint is None:
         return truth
     try:
         scene = load_scene(run.manifest.get("scene", ""))
@@ -214,5 +215,5 @@ def _with_observable(run: Run, truth: GroundTruth, on_progress: Progress) -> Gro
         return truth
     range_m = float(run.config.get("sensor", {}).get("max_range_m", 0.0)) or math.inf
     camera = CameraExtrinsics.of_view(run.intrinsics, first.T_true_camera, first.true_pose, range_m)
-    found = cached_ground_truth(scene, DEFAULT_FOOTPRINT, camera, first.true_pose, on_progress, len(truth.samples))
+    found = cached_ground_truth(scene, footprint, camera, first.true_pose, on_progress, len(truth.samples))
     return found if np.array_equal(found.samples, truth.samples) else truth

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.io.to_json import to_json
+from anm_mj.types import Footprint
 from anm_mj.utils.package_data import checkout
 
 PACKAGES = ("anm-mj", "mujoco", "dm-control", "torch", "pin", "mink", "numpy", "scipy", "scikit-image", "trimesh")
@@ -48,6 +49,8 @@ class RunFacts:
     sensor: str
     """Name of the sensor whose errors were simulated."""
     people: int = 0
+    footprint: Footprint | None = None
+    """The space that the robot sweeps; None for a recorded sequence."""
     reality: str = ""
     """The world that options and settings began with; empty where nothing was simulated."""
     continued_from: dict[str, Any] | None = None
@@ -58,10 +61,19 @@ class RunFacts:
 
     @classmethod
     def unsimulated(
-        cls, kind: str, *, scene: str, policy: str, goal: str, seed: int, device: str, engine: str
+        cls,
+        kind: str,
+        *,
+        scene: str,
+        policy: str,
+        goal: str,
+        seed: int,
+        device: str,
+        engine: str,
+        footprint: Footprint | None = None,
     ) -> RunFacts:
         """Of a run of ``kind``, live or recorded, in which neither robot nor camera is simulated."""
-        return cls(scene, "", kind, "", policy, goal, seed, device, engine, kind, kind, kind, kind)
+        return cls(scene, "", kind, "", policy, goal, seed, device, engine, kind, kind, kind, kind, footprint=footprint)
 
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord, StepRecord
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
-from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
+from anm_mj.types import Action, Footprint, Intrinsics, Pose2, WheelSpeeds
 from anm_mj.utils import read_file
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import convert, is_below, read_bytes
@@ -45,6 +45,12 @@ class Run:
     """Empty if the file is missing."""
     config: dict[str, Any]
     """Empty if the file is missing."""
+
+    @property
+    def footprint(self) -> Footprint | None:
+        """The space that the robot swept; None for a recorded sequence, and where an older manifest does not say."""
+        found = self.manifest.get("footprint")
+        return None if found is None else Footprint(**found)
 
     def depth_mm(self, frame: FrameRecord) -> UInt16[np.ndarray, "rows cols"]:
         """Reduced depth of a frame [mm]. Raises RunFolderError if the image is missing, damaged, or of another size

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from anm_mj.protocols import Mapper
-from anm_mj.types import Observation, Plan
+from anm_mj.types import Footprint, Observation, Plan
 
 
 @runtime_checkable
@@ -52,6 +52,8 @@ class Started:
     num_steps: int
     completed: Callable[[], Completed | None]
     """How complete the run is, as far as that is computed; None before the first figure."""
+    footprint: Footprint | None = None
+    """The space that the robot sweeps; None for a recorded sequence."""
 
 
 @dataclass(frozen=True)

@@ -98,6 +98,14 @@ class PlanShape(Struct):
     target_xy_m: tuple[Length, Length] | None = None
 
 
+class FootprintShape(Struct):
+    """The space that the robot sweeps."""
+
+    radius_m: Annotated[float, Meta(gt=0.0, le=1e3)]
+    z_min_m: Length
+    z_max_m: Length
+
+
 class ManifestShape(Struct):
     """``manifest.json``, as far as others read it."""
 
@@ -105,6 +113,7 @@ class ManifestShape(Struct):
     scene_hash: str = ""
     robot: str = ""
     robot_hash: str = ""
+    footprint: FootprintShape | None = None
     policy: str = ""
     started: Annotated[datetime, Meta(tz=True)] | None = None
     continued_from: dict[str, Any] | None = None

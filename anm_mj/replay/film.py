@@ -111,7 +111,7 @@ def film_frames(
     run, total = timeline.run, timeline.num_frames
     mesh = growing_mesh(run, MAX_FACES, with_errors=False)
     surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
-    map_panel = MapPanel(*_bounds(timeline, mesh))
+    map_panel = MapPanel(*_bounds(timeline, mesh), timeline.radius_m)
     far_m = _far_m(timeline)
     truth = (TRUTH,) if timeline.true_xy_m is not None else ()
     background = _background((*LEGEND, *truth, *((PEOPLE,) if is_any(run.frames[0]) else ())))

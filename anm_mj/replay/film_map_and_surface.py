@@ -15,18 +15,18 @@ from anm_mj.viz.tint import rgb_of, tint
 SUPERSAMPLING = 2
 """Lines are drawn at this multiple of the panel's size, and averaged."""
 MARGIN_M = 0.4
-ROBOT_RADIUS_M = 0.18
 
 
 class MapPanel:
     """The top-down map with graph, path and trajectory. ``low_m`` and ``high_m`` are the south-west and the north-east
-    corner that is shown.
+    corner that is shown; ``radius_m`` is that of the robot.
     """
 
-    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"]) -> None:
+    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"], radius_m: float) -> None:
         self._side_px = PANEL_PX * SUPERSAMPLING
         self._metres_per_px = float(max(high_m - low_m)) / self._side_px
         self._low_m = (low_m + high_m) / 2.0 - self._side_px * self._metres_per_px / 2.0
+        self._radius_m = radius_m
         self._base = Image.new("RGB", (self._side_px, self._side_px), palette.UNKNOWN)
 
     def decide(self, plan: PlanRecord) -> None:
@@ -100,7 +100,7 @@ class MapPanel:
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> None:
         ((x, y),) = self._px(xy_m[None]).tolist()
-        radius = max(ROBOT_RADIUS_M / self._metres_per_px, 12.0)
+        radius = max(self._radius_m / self._metres_per_px, 12.0)
         angle = -np.degrees(yaw_rad)
         draw.pieslice(
             [x - 3 * radius, y - 3 * radius, x + 3 * radius, y + 3 * radius], angle - 45, angle + 45, "#bcd2e6"

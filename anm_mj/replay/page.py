@@ -79,6 +79,7 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
     poses = [(frame.pose.x_m, frame.pose.y_m, frame.pose.yaw_rad) for frame in run.frames]
     # Column-major, as three.js has it.
     cameras = [frame.T_world_camera.T.ravel() for frame in run.frames]
+    camera_height_m = float(run.frames[0].T_world_camera[2, 3])
     return {
         "steps": timeline.steps.tolist(),
         "poses": _base64(np.array(poses, np.float32)),
@@ -97,9 +98,9 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "table": _base64(table()),
         "frustum": shapes.frustum_corners(run.intrinsics).tolist(),
         "body": {
-            "radius": shapes.CHASSIS_RADIUS_M,
-            "height": shapes.CHASSIS_HEIGHT_M,
-            "camera": float(run.frames[0].T_world_camera[2, 3]),
+            "radius": timeline.radius_m,
+            "height": shapes.chassis_height_m(camera_height_m),
+            "camera": camera_height_m,
         },
         "heights": {
             "graph": shapes.GRAPH_HEIGHT_M,

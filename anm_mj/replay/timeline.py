@@ -13,6 +13,7 @@ from anm_mj.io.curve_file import read_curve
 from anm_mj.io.plan_file import PlanRecord, read_plan
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_title import run_title
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 EMPTY_PATH = np.zeros((0, 2))
 
@@ -37,6 +38,11 @@ class Timeline:
     def title(self) -> str:
         """Scene, policy and seed."""
         return run_title(self.run.folder)
+
+    @property
+    def radius_m(self) -> float:
+        """Of the drawn robot [m]."""
+        return (self.run.footprint or DEFAULT_FOOTPRINT).radius_m
 
     @cached_property
     def steps(self) -> Int[np.ndarray, " n"]:

@@ -114,4 +114,5 @@ def _facts(config: DriveConfig, mapper: Any) -> RunFacts:
         seed=config.seed,
         device=mapper.backend.device,
         engine=mapper.backend.name,
+        footprint=config.ros.footprint,
     )

@@ -3,7 +3,8 @@
 import math
 
 from anm_mj.scene.folder import Scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
+from anm_mj.scene.navigable import scene_area
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 STEPS_PER_M2, BASE_STEPS = 10, 200
 """Budget by floor: the paper's budgets by rooms leave 3 steps per square metre to a wide office, 20 to a small room."""

@@ -25,8 +25,6 @@ MAX_CELLS = 8_000_000
 """Larger scenes, from 70 m square on, get cells of a multiple of that size."""
 FLOOR_TOLERANCE_M = 0.06
 """Largest distance of the floor from z = 0 [m]."""
-DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
-"""Start poses are chosen for a robot of this size."""
 _START_MARGIN_M = 0.12
 """Extra clearance of start poses, where the scene has room for it [m]."""
 _NUM_STARTS = 8

@@ -25,10 +25,10 @@ from anm_mj.scene.importing.canonical_axes import covered_share
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.movable import Movable
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
+from anm_mj.scene.navigable import NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.room_segmentation import segment_rooms
 from anm_mj.scene.submesh import Submesh, is_within, merge_geometry, without_degenerate_faces
-from anm_mj.types import Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, Pose2
 
 _logger = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.robot.robot_presets import robot_path
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
+from anm_mj.scene.navigable import require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import Footprint, Pose2
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from anm_mj.sim.sensors.sensor_config import SensorConfig
     from anm_mj.sim.sim_robot import SimRobot
 
-FOOTPRINT = DEFAULT_FOOTPRINT
-"""Of the robot in ``models/diff_drive``."""
 _PREFIX = "robot/"
 _ANY_THREAD = ("egl", "osmesa", "off")
 """GL back-ends that render in any thread, not only in the program's first."""

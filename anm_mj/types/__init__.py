@@ -28,6 +28,7 @@ from anm_mj.types.motion import MotionResult as MotionResult
 from anm_mj.types.motion import StopReason as StopReason
 from anm_mj.types.motion import Twist as Twist
 from anm_mj.types.motion import WheelSpeeds as WheelSpeeds
+from anm_mj.types.observation import DEFAULT_FOOTPRINT as DEFAULT_FOOTPRINT
 from anm_mj.types.observation import Footprint as Footprint
 from anm_mj.types.observation import Intrinsics as Intrinsics
 from anm_mj.types.observation import Observation as Observation

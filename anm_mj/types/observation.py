@@ -86,6 +86,10 @@ class Footprint:
         return 2.0 * self.radius_m >= WIDE_M
 
 
+DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
+"""Of the robot in ``models/diff_drive``."""
+
+
 @dataclass(frozen=True)
 class Observation:
     """What the robot perceives between two actions."""

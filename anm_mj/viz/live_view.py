@@ -20,7 +20,7 @@ from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
 from anm_mj.io.run_events import Completed, Mapped, Started, headline
 from anm_mj.protocols import Mapper
-from anm_mj.types import Observation, Plan, StopReason
+from anm_mj.types import DEFAULT_FOOTPRINT, Observation, Plan, StopReason
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.viz import palette, shapes
 from anm_mj.viz.assets import filled, page_asset, page_program, script_json
@@ -83,6 +83,7 @@ class LiveView:
         self._server.say("title", {"title": title})
         self._failed = False
         self._started: Started | None = None
+        self._radius_m = DEFAULT_FOOTPRINT.radius_m
         self._trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
         self._curve: list[tuple[int, float]] = []
         self._plan: Plan | None = None
@@ -107,6 +108,8 @@ class LiveView:
         """
         if isinstance(event, Started):
             self._started = event
+            if event.footprint is not None:
+                self._radius_m = event.footprint.radius_m
         elif isinstance(event, Stepped | Mapped):
             self.show(event.observation, event.mapper, event.plan)
             if self._started is not None:
@@ -176,7 +179,7 @@ class LiveView:
         self._centre(pose.xy_m)
         # In camera axes y is up: a steep view from the south.
         self._property("/Cameras/default/rotated/<object>", "position", [0.0, 9.0, 5.0])
-        self._object("robot", shapes.robot_body(float(camera[2, 3]), BODY))
+        self._object("robot", shapes.robot_body(self._radius_m, float(camera[2, 3]), BODY))
         self._object("camera", shapes.camera_frustum(observation.intrinsics, FRUSTUM))
         self._object("target", shapes.target_mark(TARGET))
         self._property("/meshcat/target", "visible", False)

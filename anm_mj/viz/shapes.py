@@ -26,8 +26,8 @@ GRAPH_HEIGHT_M, TRAJECTORY_HEIGHT_M, PATH_HEIGHT_M = 0.03, 0.04, 0.05
 GRAPH_WIDTH_M, TRAJECTORY_WIDTH_M, PATH_WIDTH_M = 0.025, 0.045, 0.05
 FRONT = 0
 """three.js: render front faces only, so that near walls do not hide a room."""
-CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, MAST_RADIUS_M = 0.17, 0.15, 0.02
-"""Size of the drawn robot, from ``models/diff_drive`` [m]."""
+CHASSIS_HEIGHT_M, MAST_RADIUS_M = 0.15, 0.02
+"""Size of the drawn robot, whose radius is that of its footprint [m]."""
 FRUSTUM_DEPTH_M = 0.6
 
 
@@ -85,11 +85,17 @@ def region_radius_m(num_members: int, most: int) -> float:
     return 0.06 + 0.08 * (num_members / most) ** 0.5
 
 
-def robot_body(camera_height_m: float, colour: int) -> Object:
+def chassis_height_m(camera_height_m: float) -> float:
+    """Height of the drawn base [m]: below the camera."""
+    return min(CHASSIS_HEIGHT_M, 0.8 * camera_height_m)
+
+
+def robot_body(radius_m: float, camera_height_m: float, colour: int) -> Object:
     """A round base with a mast, in base axes."""
-    chassis = trimesh.creation.cylinder(CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, sections=32)
-    chassis.apply_translation([0.0, 0.0, CHASSIS_HEIGHT_M / 2.0 + 0.02])
-    mast = trimesh.creation.cylinder(MAST_RADIUS_M, segment=[[0.0, 0.0, CHASSIS_HEIGHT_M], [0.0, 0.0, camera_height_m]])
+    top_m = chassis_height_m(camera_height_m)
+    chassis = trimesh.creation.cylinder(radius_m, top_m, sections=32)
+    chassis.apply_translation([0.0, 0.0, top_m / 2.0 + 0.02])
+    mast = trimesh.creation.cylinder(MAST_RADIUS_M, segment=[[0.0, 0.0, top_m], [0.0, 0.0, camera_height_m]])
     head = trimesh.creation.box([0.06, 0.12, 0.06]).apply_translation([0.0, 0.0, camera_height_m])
     return _solid([chassis, mast, head], colour)
 

@@ -2,16 +2,21 @@ import dataclasses
 import json
 import math
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
+from anm_mj.evaluation import run_evaluation
 from anm_mj.evaluation.run_evaluation import add_views, completion_with_halved_intrinsics, evaluate_run
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.frames import pose_matrix
+from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import write_json
 from anm_mj.recording.results import write_results
-from anm_mj.types import Pose2, StopReason, TrueView
+from anm_mj.types import Footprint, Pose2, StopReason, TrueView
 from tests.box_room import FakeMap, ended, new_recorder, observe, record_steps, room_plan
 
 
@@ -59,6 +64,26 @@ def test_a_killed_run_is_evaluated(killed, finished):
     assert metrics.accuracy_cm is None
     assert metrics.stop_reason is None
     assert (killed / "curve.csv").read_bytes() == (finished / "curve.csv").read_bytes()
+
+
+def test_what_another_robot_could_see_is_searched_for_with_its_own_size(run, monkeypatch):
+    truth = GroundTruth.load(RunFolder(run).ground_truth)
+    dataclasses.replace(truth, observable=None).save(RunFolder(run).ground_truth)
+    searched: list[Footprint] = []
+
+    def search(scene, footprint, *rest):
+        searched.append(footprint)
+        return dataclasses.replace(truth, observable=np.ones(len(truth.samples), bool))
+
+    monkeypatch.setattr(run_evaluation, "load_scene", lambda name: SimpleNamespace(hash="abc"))
+    monkeypatch.setattr(run_evaluation, "cached_ground_truth", search)
+    manifest = {"scene": "room", "scene_hash": "abc", "robot": "rover.xml"}
+    write_json(RunFolder(run).manifest, manifest)
+    assert evaluate_run(run).observable_ratio is None
+    write_json(RunFolder(run).manifest, manifest | {"footprint": {"radius_m": 0.3, "z_min_m": 0.02, "z_max_m": 0.9}})
+    metrics = evaluate_run(run)
+    assert metrics.observable_ratio == metrics.completion_ratio
+    assert searched == [Footprint(0.3, 0.02, 0.9)]
 
 
 def test_incomplete_lines_are_skipped(killed):

@@ -56,7 +56,7 @@ def test_the_surface_grows_in_the_film(run_folder):
 
 def test_the_map_has_north_up_and_the_robot_in_its_place():
     plan = room_plan()
-    panel = MapPanel(np.array([-2.5, -2.5]), np.array([2.5, 2.5]))
+    panel = MapPanel(np.array([-2.5, -2.5]), np.array([2.5, 2.5]), 0.18)
     image = panel.draw(np.array([[0.0, 0.0], [1.5, 1.0]]), 0.0, plan.path_xy_m, None)
     rows, cols = np.nonzero(close_to(image, palette.CAMERA, 10))
     assert np.median(cols) == pytest.approx(PANEL_PX * (1.5 + 2.5) / 5.0, abs=3)

@@ -1,3 +1,4 @@
+import shutil
 import threading
 import urllib.error
 import urllib.request
@@ -8,6 +9,8 @@ import pytest
 from PIL import Image
 
 from anm_mj.cli.main import main
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import write_json
 from anm_mj.replay.page import _mesh, levels, replay_page
 from anm_mj.replay.surface import GrowingMesh
 from anm_mj.replay.timeline import read_timeline
@@ -55,6 +58,13 @@ def test_the_page_replays_the_run_from_disk_without_a_network(page, run_folder, 
         assert not browser.evaluate("replay.state().playing")
         assert browser.problems == []
         assert [url for url in browser.requests if not url.startswith("data:")] == [page.as_uri()]
+
+
+def test_the_robot_is_drawn_as_wide_as_it_is(run_folder, tmp_path):
+    wide = shutil.copytree(run_folder, tmp_path / "wide")
+    assert '"radius":0.18' in replay_page(read_timeline(wide))
+    write_json(RunFolder(wide).manifest, {"footprint": {"radius_m": 0.3, "z_min_m": 0.02, "z_max_m": 0.9}})
+    assert '"radius":0.3' in replay_page(read_timeline(wide))
 
 
 def test_a_run_that_was_killed_is_shown_as_far_as_it_came(run_folder, tmp_path):

@@ -56,7 +56,7 @@ def test_a_trajectory_has_a_gap_where_the_robot_was_lost():
 
 def test_the_map_shows_both_trajectories_and_the_ellipse():
     shown = timeline(0.3)
-    panel = MapPanel(np.array([-0.5, -1.0]), np.array([2.0, 1.5]))
+    panel = MapPanel(np.array([-0.5, -1.0]), np.array([2.0, 1.5]), 0.18)
 
     def colours(**options):
         image = np.asarray(panel.draw(shown.xy_m, 0.0, np.zeros((0, 2)), None, **options)).reshape(-1, 3)

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear
+from anm_mj.scene.navigable import is_clear
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 _ROOT = Path(__file__).resolve().parents[2]
 _SCENES = _ROOT / "scenes"

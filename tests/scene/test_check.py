@@ -6,11 +6,11 @@ import trimesh
 
 from anm_mj.scene.check import check_scene, disable_backface_culling
 from anm_mj.scene.folder import read_scene_folder
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
+from anm_mj.scene.navigable import navigable_area
 from anm_mj.scene.room_segmentation import segment_rooms
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
-from anm_mj.types import Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, Pose2
 from tests.scene.shapes import box, room, shelf_hall, table, two_rooms
 
 

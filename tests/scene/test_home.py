@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area
+from anm_mj.scene.navigable import is_clear, navigable_area
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 _ROOMS_M = {
     "living room": ((0.0, 0.0), (5.84, 4.14)),

@@ -24,7 +24,7 @@ from anm_mj.errors import RenderError
 from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.events import Ended
 from anm_mj.io.run_events import Mapped, Started
-from anm_mj.types import Pose2, StopReason
+from anm_mj.types import Footprint, Pose2, StopReason
 from anm_mj.viz import live_view, page_server
 from anm_mj.viz.live_view import FIRST_MESH_STEP, MESH_EVERY_STEPS, LiveView
 from tests.box_room import FakeMap, observe, room_plan
@@ -349,6 +349,15 @@ def test_a_paused_run_waits_neither_for_a_page_that_is_closed_nor_at_ctrl_c(ends
     viewer._on_word("pause")
     assert viewer.on_event(mapped(0)) is False
     viewer.close()
+
+
+def test_the_robot_is_drawn_as_wide_as_it_is(viewer):
+    viewer.on_event(Started(Path("runs/a"), 500, lambda: None, Footprint(0.3, 0.02, 0.9)))
+    show(viewer, 1)
+    told = watch(viewer, lambda told: ("/meshcat/robot", "set_object") in told)
+    (geometry,) = told["/meshcat/robot", "set_object"]["object"]["geometries"]
+    xyz = np.frombuffer(geometry["data"]["attributes"]["position"]["array"].data, np.float32).reshape(-1, 3)
+    assert np.hypot(xyz[:, 0], xyz[:, 1]).max() == pytest.approx(0.3, abs=1e-4)
 
 
 def test_the_last_figure_of_a_run_is_shown(viewer):

@@ -21,8 +21,9 @@ from anm_mj.scene.generation.move_furniture import Move, move_furniture
 from anm_mj.scene.generation.quads import Quads, join
 from anm_mj.scene.generation.shell import Patch, Surface, passage_shell, room_shell
 from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
+from anm_mj.scene.navigable import NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
+from anm_mj.types import DEFAULT_FOOTPRINT
 from anm_mj.utils.files import write_text
 
 _logger = logging.getLogger(__name__)

@@ -8,7 +8,8 @@ import shapely
 
 from anm_mj.scene.generation.generate_scene import generate_scene
 from anm_mj.scene.generation.layout import plan_building
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area
+from anm_mj.scene.navigable import is_clear, navigable_area
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 
 @pytest.mark.slow

@@ -15,7 +15,8 @@ from anm_mj.scene.generation.furnish import furnish
 from anm_mj.scene.generation.generate_scene import generate_scene
 from anm_mj.scene.generation.layout import plan_building
 from anm_mj.scene.generation.move_furniture import move_furniture
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area
+from anm_mj.scene.navigable import is_clear, navigable_area
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 
 @pytest.fixture(scope="module")

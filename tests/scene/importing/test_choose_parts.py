@@ -12,8 +12,9 @@ from anm_mj.scene.importing.doors import find_leaves
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.parsed_scene import Joint
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, pick_storey
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
+from anm_mj.scene.navigable import scene_area
 from anm_mj.scene.submesh import Submesh
+from anm_mj.types import DEFAULT_FOOTPRINT
 from tests.scene.shapes import box, room
 
 _ROOMS = 4

@@ -10,7 +10,8 @@ import shapely
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_floorplan import import_floorplan, is_floorplan, read_floorplan
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
+from anm_mj.scene.navigable import navigable_area
+from anm_mj.types import DEFAULT_FOOTPRINT
 from tests.public_scenes import PUBLIC_SCENES
 
 _PUBLIC = PUBLIC_SCENES / "floorplans"

@@ -11,8 +11,8 @@ from anm_mj.scene.collision import SLICE_Z_MAX_M
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.source_formats import find_format
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear
-from anm_mj.types import Pose2
+from anm_mj.scene.navigable import is_clear
+from anm_mj.types import DEFAULT_FOOTPRINT, Pose2
 from tests.scene.importing.readers.mjcf.compare import agreement, eyes_in
 from tests.scene.importing.readers.mjcf.house import write_house
 from tests.scene.importing.readers.mjcf.worlds import EYES, near, room_xml, write_world
