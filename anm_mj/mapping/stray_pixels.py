@@ -10,7 +10,7 @@ from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.occupancy_kernels import VoxelArrays
 
 _USUAL_FRAMES, _USUAL_SHARE = 3.0, 0.03
-"""So many images, and this share of all, hold a pixel alone in space that is surely free although the depth is exact:
+"""So many images, and this share of all, hold a pixel alone in space known to be free although the depth is exact:
 none in three scenes, 2.5 % at most by poses that drift, and 8 to 40 % if one pixel in 3000 is speckle, or one in ten at
 edges flies."""
 _SURE_MISSES, _STRAY_RANGE_M = 10, 3.5
@@ -37,7 +37,7 @@ class Strays:
         return self._num_straying > _USUAL_FRAMES + _USUAL_SHARE * self._num_images
 
     def add(self, strays: bool) -> None:
-        """Take in one image, by whether a pixel of it lies alone in space that was surely free before."""
+        """Take in one image, by whether a pixel of it lies alone in space known to be free before."""
         self._num_images += 1
         self._num_straying += strays
 
@@ -53,7 +53,7 @@ class Strays:
 def is_straying(
     voxels: VoxelArrays, config: OccupancyConfig, places: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]
 ) -> bool:
-    """Whether a single pixel, from near enough to tell, hit a voxel that was surely free before. Surface is hit by many
+    """Whether a single pixel, from near enough to tell, hit a voxel known to be free before. Surface is hit by many
     side by side: where such are in free space, the pose is wrong, or something moved.
 
     Args:

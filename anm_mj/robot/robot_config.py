@@ -34,7 +34,8 @@ class RobotConfig:
     right_wheel: str = ""
     """Name of the right wheel's hinge, or of several; empty = found by name or by geometry."""
     camera: str = ""
-    """Name of the camera; empty = ``camera``, the only one, or the only one that looks forward."""
+    """Name of the camera; empty = ``camera``, the only one, or the first that looks forward and is on no arm or hand,
+    colour cameras before depth cameras."""
     camera_pose: str = ""
     """``x,y,z,pitch,fovy`` [m, m, m, deg, deg] of a camera to mount instead of one from the file, in the base frame;
     pitch is positive downwards. Empty = a camera of the file."""
@@ -47,7 +48,7 @@ class RobotConfig:
     """Effective track over the measured one, by which odometry computes turns; above 1 for skid steering."""
     wheel_noise: float = 0.0
     """Standard deviation of a wheel's measured rotation after one radian [rad]; it grows with the square root of the
-    rotation and affects wheel odometry only. 0.02 causes about 2 degrees of drift in a hundred actions."""
+    rotation and affects wheel odometry only. 0.02 causes two to three degrees of drift in a hundred actions."""
 
     def __post_init__(self) -> None:
         """Check the values. Raises RobotError if a value is out of range, or two exclude each other."""

@@ -44,7 +44,7 @@ class SimulationConfig:
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
     seed: int = 0
-    """Seed of everything random: training, policy, evaluation samples, noise."""
+    """Seed of everything random: training, policy, localisation, noise, who moves, the place of an unknown start."""
     model: RobotConfig = field(default=cast(RobotConfig, None))
     """How to read the robot's file, and the noise of its encoders; without it, what the robot's name asks for."""
     camera: CameraConfig = field(default_factory=CameraConfig)
