@@ -18,6 +18,19 @@ STEEPEST_RAD = math.radians(75.0)
 robot."""
 
 
+_TURN_S = 0.4
+"""A turn takes at least so long [s]."""
+
+
+def turns_to_look_around(observation: Observation) -> int:
+    """Turn steps after which the camera that took an observation has shown all azimuths.
+
+    An image that comes late was taken before its turn had ended: there are more turns then.
+    """
+    late = math.ceil(max(observation.image_age_s, 0.0) / _TURN_S)
+    return FieldOfView.of(observation).turns_for_panorama + late
+
+
 @dataclass(frozen=True)
 class FieldOfView:
     """The angles that a camera covers, where it sits, and how far it measures."""

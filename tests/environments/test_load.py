@@ -20,9 +20,8 @@ from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
-from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.sim.simulation_config import DRIVES
-from anm_mj.types import Action, Intrinsics
+from anm_mj.types import DEFAULT_FOOTPRINT, Action, Intrinsics
 
 ROVER = Path(__file__).resolve().parents[1] / "rover.xml"
 _ACTIONS = [Action.TURN_LEFT] * 3 + [Action.MOVE_FORWARD] * 4 + [Action.TURN_RIGHT]
@@ -69,7 +68,7 @@ def test_rewards_match_the_evaluation(environment):
     environment.reset()
     view = environment.task.view
     camera = CameraExtrinsics.of_view(Intrinsics.from_fov(256, 256, math.radians(90.0)), view.T_world_camera, view.pose)
-    truth = cached_ground_truth(load_scene("home"), FOOTPRINT, camera, view.pose)
+    truth = cached_ground_truth(load_scene("home"), DEFAULT_FOOTPRINT, camera, view.pose)
     evaluation = Coverage(truth.samples, truth.observable)
     total = environment.task.coverage
     assert total > 0.0
@@ -191,7 +190,7 @@ def test_every_episode_draws_a_scene(whole_surface):
     for _ in range(4):
         environment.reset()
         names.append(environment.task.scene.name)
-        assert is_clear(environment.task.scene, environment.task.view.pose, FOOTPRINT)
+        assert is_clear(environment.task.scene, environment.task.view.pose, DEFAULT_FOOTPRINT)
     environment.close()
     assert set(names) == {"room", "flat"}
 
@@ -250,7 +249,7 @@ def test_other_rewards(reward):
 def test_another_robot(whole_surface):
     environment = anm_mj.load_environment("room", image_px=16, robot=str(ROVER), num_steps=3)
     environment.reset()
-    assert environment.physics.robot.footprint != FOOTPRINT
+    assert environment.physics.robot.footprint != DEFAULT_FOOTPRINT
     assert environment.step(Action.TURN_LEFT).mid()
     environment.close()
 

@@ -6,7 +6,7 @@ from anm_mj.evaluation.fixed_views import fixed_views
 from anm_mj.evaluation.rendered_views import compare_views
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.navigable import is_clear
-from anm_mj.sim.make_robot import FOOTPRINT
+from anm_mj.types import DEFAULT_FOOTPRINT
 from tests.scene.small import make_small_scene
 
 NUM = 12
@@ -42,7 +42,7 @@ def test_views_depend_on_the_scene_alone_and_are_rendered_once(scene, cache, mon
         for name, values in vars(one).items():
             np.testing.assert_array_equal(getattr(other, name), values)
     poses = [view.pose for view in first]
-    assert all(is_clear(scene, pose, FOOTPRINT) for pose in poses)
+    assert all(is_clear(scene, pose, DEFAULT_FOOTPRINT) for pose in poses)
     # Both rooms, and all directions.
     assert min(pose.x_m for pose in poses) < 2.94
     assert max(pose.x_m for pose in poses) > 3.06

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.field_of_view import FieldOfView, turns_to_look_around
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
 from anm_mj.planning.policies.context import PolicyContext
@@ -48,6 +48,11 @@ def test_a_camera_turns_as_far_as_it_needs_to_see_all_around(fov_deg: float, tur
     headings = math.radians(10.0) * np.arange(turns + 1)
     shown = np.abs((np.linspace(0, math.tau, 721)[:, None] - headings + math.pi) % math.tau - math.pi)
     assert (shown.min(axis=1) <= camera.width_rad / 2 + 1e-6).all()
+
+
+def test_images_that_come_late_ask_for_more_turns():
+    seen = view()
+    assert [turns_to_look_around(replace(seen, image_age_s=age_s)) for age_s in (0.0, 0.1, 0.5)] == [27, 28, 29]
 
 
 @pytest.mark.parametrize("tilt_deg", [-30.0, 0.0, 30.0])

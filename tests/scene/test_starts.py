@@ -7,14 +7,14 @@ import numpy as np
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
 from anm_mj.scene.starts import sample_start
-from anm_mj.sim.make_robot import FOOTPRINT
+from anm_mj.types import DEFAULT_FOOTPRINT
 
 
 def test_starts_are_clear_and_uniform():
     scene = load_scene("home")
     random = np.random.default_rng(0)
-    starts = [sample_start(scene, FOOTPRINT, random) for _ in range(60)]
-    assert all(is_clear(scene, start, FOOTPRINT) for start in starts)
+    starts = [sample_start(scene, DEFAULT_FOOTPRINT, random) for _ in range(60)]
+    assert all(is_clear(scene, start, DEFAULT_FOOTPRINT) for start in starts)
     xy = np.array([start.xy_m for start in starts])
     extent = scene.bounds_m[1, :2] - scene.bounds_m[0, :2]
     assert (np.ptp(xy, axis=0) > 0.6 * extent).all()
@@ -25,5 +25,5 @@ def test_starts_are_clear_and_uniform():
 
 def test_same_seed():
     scene = load_scene("home")
-    first, second = (sample_start(scene, FOOTPRINT, np.random.default_rng(5)) for _ in range(2))
+    first, second = (sample_start(scene, DEFAULT_FOOTPRINT, np.random.default_rng(5)) for _ in range(2))
     assert first == second

@@ -11,9 +11,9 @@ from anm_mj.frames import back_project
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.sim.make_robot import FOOTPRINT, make_robot
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.simulation_config import DRIVES
-from anm_mj.types import Action, Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, Action, Pose2
 from tests.robots import ROVER_XML
 
 
@@ -134,10 +134,10 @@ def test_the_footprint_encloses_the_robot():
         # A bounding box's corners lie outside a round body: for these its own radius counts.
         round_about_z = model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER and model.geom(i).name != "lens"
         reach_m = model.geom_size[i, 0] if round_about_z else np.linalg.norm(corners[:, :2], axis=1).max()
-        assert reach_m < FOOTPRINT.radius_m, model.geom(i).name
+        assert reach_m < DEFAULT_FOOTPRINT.radius_m, model.geom(i).name
         tops_m.append(corners[:, 2].max())
-    assert max(tops_m) == pytest.approx(FOOTPRINT.z_max_m)
-    assert model.geom("chassis").pos[2] - model.geom("chassis").size[1] == pytest.approx(FOOTPRINT.z_min_m)
+    assert max(tops_m) == pytest.approx(DEFAULT_FOOTPRINT.z_max_m)
+    assert model.geom("chassis").pos[2] - model.geom("chassis").size[1] == pytest.approx(DEFAULT_FOOTPRINT.z_min_m)
 
 
 def test_third_party_scene(public_scenes, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.field_of_view import turns_to_look_around
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.types import Action, ExploredState, Observation, Plan, Pose2, StopReason
 
@@ -54,7 +54,7 @@ class LookingAround:
         ends = plan.stop in (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET)
         if not ends or not is_first:
             return plan
-        turns = FieldOfView.of(observation).turns_for_panorama
+        turns = turns_to_look_around(observation)
         reason = f"a look around, because the prior run left nothing to explore ({plan.reason})"
         return Plan(reason, actions=(Action.TURN_LEFT,) * turns)
 

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.field_of_view import FieldOfView, turns_to_look_around
 from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
@@ -133,7 +133,7 @@ class Gvg:
         if is_first and self.config.bootstrap_turns and not is_known_place(self._prior, observation):
             num_turns = self.config.bootstrap_turns
             if num_turns == AS_MANY_AS_NEEDED:
-                num_turns = FieldOfView.of(observation).turns_for_panorama
+                num_turns = turns_to_look_around(observation)
             turns = (Action.TURN_LEFT,) * num_turns
             return Plan("bootstrap: a rotation before the first decision", actions=turns)
         watch = Stopwatch()
