@@ -4,6 +4,9 @@
 magnitude slower, and multisampling blends depths across edges.
 """
 
+# Without GL, mujoco has no GLContext.
+from __future__ import annotations
+
 import atexit
 import functools
 import os
@@ -19,7 +22,7 @@ from anm_mj.errors import RenderError
 from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
 from anm_mj.sim.culling import Culling, is_worth_culling
 from anm_mj.sim.gl import forget_backend
-from anm_mj.sim.texture_levels import smooth_texture_levels
+from anm_mj.sim.gl_mipmaps import smooth_mipmaps
 
 _MAX_GEOMS = 20_000
 _FLAGS_OFF = ("SHADOW", "REFLECTION", "SKYBOX", "FOG", "HAZE", "WIREFRAME", "ADDITIVE")
@@ -156,7 +159,7 @@ def _make_contexts(model: mujoco.MjModel, width: int, height: int) -> tuple[mujo
         gl_context.make_current()
         with _off_screen_quality(model, width, height):
             mjr_context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
-        smooth_texture_levels(mjr_context)
+        smooth_mipmaps(mjr_context)
     # Back-ends raise different exceptions: ImportError, AttributeError, RuntimeError, OpenGL.error.GLError.
     except Exception as err:
         if gl_context is not None:

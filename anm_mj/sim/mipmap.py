@@ -2,6 +2,10 @@
 
 import numpy as np
 from jaxtyping import Float32, Int32, Int64, UInt8
+from PIL import Image
+
+_RIM = 4
+"""Texels of the other side about a texture, which repeats."""
 
 
 class MipmapTextures:
@@ -62,15 +66,24 @@ class MipmapTextures:
         return upper + down * (lower - upper)
 
 
+def halved(texture: UInt8[np.ndarray, "h w c"]) -> UInt8[np.ndarray, "h2 w2 c"]:
+    """The next mip level of a texture that repeats, at least one texel high and wide.
+
+    Weights of 1 3 3 1 keep the centre of mass of all that a texture shows, however small (the binomial filter of Burt
+    and Adelson, The Laplacian Pyramid as a Compact Image Code, IEEE Transactions on Communications 31(4), 1983, between
+    an even number of texels).
+    """
+    height, width = texture.shape[:2]
+    size = max(1, width // 2), max(1, height // 2)
+    rimmed = Image.fromarray(np.pad(texture, ((_RIM, _RIM), (_RIM, _RIM), (0, 0)), mode="wrap"))
+    # Where both sides are even, this filter has those weights.
+    box = (_RIM, _RIM, _RIM + width, _RIM + height)
+    return np.ascontiguousarray(rimmed.resize(size, Image.Resampling.BILINEAR, box))
+
+
 def _mip_levels(texture: UInt8[np.ndarray, "h w 3"]) -> list[UInt8[np.ndarray, "_ _ 3"]]:
-    """A texture and its mip levels; like GL, it drops a last odd row or column."""
+    """A texture and its mip levels."""
     levels = [texture]
     while max(levels[-1].shape[:2]) > 1:
-        fine = levels[-1].astype(np.uint16)
-        for axis in (0, 1):
-            half = fine.shape[axis] // 2
-            if half:
-                even = np.take(fine, np.arange(0, 2 * half, 2), axis=axis)
-                fine = (even + np.take(fine, np.arange(1, 2 * half, 2), axis=axis) + 1) // 2
-        levels.append(fine.astype(np.uint8))
+        levels.append(halved(levels[-1]))
     return levels

@@ -1,6 +1,7 @@
 """The camera against scenes whose picture can be computed by hand."""
 
 import math
+import os
 import subprocess
 import sys
 
@@ -187,3 +188,10 @@ def test_a_camera_that_nobody_closed_ends_silently():
     program = "import anm_mj; robot = anm_mj.make_robot(anm_mj.load_scene('room'), image_px=16); robot.observe()"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stderr == ""
+
+
+def test_without_gl_the_other_cameras_can_be_had():
+    program = "from anm_mj.sim.camera_factory import make_camera"
+    env = {**os.environ, "MUJOCO_GL": "off"}
+    done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

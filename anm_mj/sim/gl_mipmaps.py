@@ -1,11 +1,8 @@
-"""Smaller levels of textures that stay where the texture is, however far away it is seen from.
+"""Mip levels of the textures of a GL context that stay where the textures are, however far away they are seen from.
 
-GL reads a texture from a copy of about the size at which it is drawn, and its drivers make each copy by averages over
-two by two pixels. Those move what is narrower than a pixel of the copy to the middle of that pixel: the joints of a
-tiled floor, which lie at the same place in each tile, slip by a centimetre as the camera comes nearer, all alike. That
-misleads whoever finds its way by images. Averages over four by four, weighted 1 3 3 1, keep the centre of mass of all
-that they show (the binomial filter of Burt and Adelson, The Laplacian Pyramid as a Compact Image Code, IEEE
-Transactions on Communications 31(4), 1983, here between an even number of pixels).
+Drivers make them by averages over two by two texels. Those move what is narrower than a texel of the next level to the
+middle of that texel: the joints of a tiled floor, which lie at the same place in each tile, slip by a centimetre as the
+camera comes nearer, all alike. That misleads whoever finds its way by images.
 """
 
 import ctypes
@@ -14,24 +11,12 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 from jaxtyping import UInt8
-from PIL import Image
 
-_RIM = 4
-"""Pixels of the other side about a texture, which repeats."""
+from anm_mj.sim.mipmap import halved
 
 
-def halved(texture: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "h2 w2 4"]:
-    """The next smaller level of a texture that repeats, at least one pixel high and wide."""
-    height, width = texture.shape[:2]
-    size = max(1, width // 2), max(1, height // 2)
-    rimmed = Image.fromarray(np.pad(texture, ((_RIM, _RIM), (_RIM, _RIM), (0, 0)), mode="wrap"))
-    # Between an even number of pixels this filter's weights are 1 3 3 1.
-    box = (_RIM, _RIM, _RIM + width, _RIM + height)
-    return np.ascontiguousarray(rimmed.resize(size, Image.Resampling.BILINEAR, box))
-
-
-def smooth_texture_levels(context: mujoco.MjrContext) -> None:
-    """Replace the smaller levels of all plane textures of a context, which is current."""
+def smooth_mipmaps(context: mujoco.MjrContext) -> None:
+    """Replace the mip levels of all plane textures of a context, which is current."""
     # The bare functions, which MuJoCo has loaded: all of OpenGL.GL takes memory.
     from OpenGL.raw.GL.VERSION import GL_1_0 as GL
 

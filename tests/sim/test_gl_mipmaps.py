@@ -7,7 +7,7 @@ from PIL import Image
 
 from anm_mj.sim import gl_camera
 from anm_mj.sim.gl_camera import GlCamera
-from anm_mj.sim.texture_levels import halved
+from anm_mj.sim.mipmap import halved
 
 _SIDE_PX, _TILE_PX, _SIDE_M = 1024, 64, 4.0
 _TILE_M = _SIDE_M * _TILE_PX / _SIDE_PX
@@ -60,7 +60,7 @@ def test_joints_stay_where_they_are_from_far_away(tiles, monkeypatch):
     assert near == pytest.approx(0.008, abs=5e-4)
     assert joint_m(tiles, 0.03) == pytest.approx(near, abs=1e-3)
     # What the driver makes moves them by more than a centimetre.
-    monkeypatch.setattr(gl_camera, "smooth_texture_levels", lambda context: None)
+    monkeypatch.setattr(gl_camera, "smooth_mipmaps", lambda context: None)
     assert abs(joint_m(tiles, 0.03) - near) > 5e-3
 
 
