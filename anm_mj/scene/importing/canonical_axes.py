@@ -24,6 +24,8 @@ _FLOOR_ROUGHNESS_M = 0.05
 _CELL_M = 0.1
 _BIN_M = 0.02
 _MAX_CELLS = 1_010_000
+_FURNISHED_SHARE = 0.25
+"""Where at least this share of a level has headroom, furniture stands on the rest."""
 _T_WORLD_SOURCE = {
     "z": np.eye(3),
     # +90 degrees about x: source y becomes world z.
@@ -40,6 +42,13 @@ class Level:
     z_m: float
     walkable_m2: float
     """Area with headroom [m2]."""
+    area_m2: float
+    """Area with and without headroom [m2]."""
+
+    @property
+    def floor_m2(self) -> float:
+        """Area of a floor with its furniture, or the area with headroom of what is hardly a floor [m2]."""
+        return self.area_m2 if self.walkable_m2 >= _FURNISHED_SHARE * self.area_m2 else self.walkable_m2
 
 
 def rotation_to_z_up(up: str) -> Float64[np.ndarray, "3 3"]:
@@ -60,7 +69,7 @@ def find_up(
 ) -> Literal["x", "y", "z"]:
     """Up axis, of y, z and the usual one: the axis along which the scene looks most like a storey with a floor.
 
-    The score of an axis is the walkable area, discounted by how far the extent along the axis is from the height of a
+    The score of an axis is the area of its floors, discounted by how far the extent along it is from the height of a
     storey. Another axis than ``usual`` must score ``certainty`` times as much.
     """
     axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z") if usual == "x" else ("y", "z")
@@ -70,32 +79,39 @@ def find_up(
 
 
 def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
-    """Walkable area of all storeys [m2], discounted by unusual heights and by the root of the number of storeys.
+    """Area of the floors of all storeys [m2], discounted by unusual heights and by the root of the number of storeys.
 
     A building on its side has levels too, its walls, but they are smaller than floors, and there are more of them.
+    Furniture counts as floor: bare walls would be larger than the floor between it.
     """
     storeys: list[Level] = []
     found, top_m = levels(triangles_m), float(triangles_m[:, :, 2].max())
     # What nothing rises above is a roof, or the outside of a wall of a building on its side.
     inside = [level for level in found[1:] if level.z_m < top_m - _HEADROOM_M]
-    for level in sorted(found[:1] + inside, key=lambda level: -level.walkable_m2):
+    for level in sorted(found[:1] + inside, key=lambda level: -level.floor_m2):
         if all(abs(level.z_m - taken.z_m) > _HEADROOM_M for taken in storeys):
             storeys.append(level)
     height_m = float(np.ptp(triangles_m[:, :, 2]))
     number = max(1, round(height_m / _TYPICAL_HEIGHT_M))
     ratio = max(height_m, 1e-9) / number / _TYPICAL_HEIGHT_M
-    return sum(level.walkable_m2 for level in storeys) * min(ratio, 1.0 / ratio) / math.sqrt(number)
+    return sum(level.floor_m2 for level in storeys) * min(ratio, 1.0 / ratio) / math.sqrt(number)
 
 
-def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
+def find_floor(triangles_m: Float[np.ndarray, "f 3 3"], *, roofs: bool = False) -> Level | None:
     """The lowest of the large walkable levels of triangles with z up, or None when nothing is level.
 
     A level is large if it has at least half the area of the largest one. That excludes cellar slabs and undersides, and
-    of two storeys it takes the lower one.
+    of two storeys it takes the lower one. Roofs and the tops of walls count only where there is little else, or with
+    ``roofs``.
     """
     found_levels = levels(triangles_m)
     if not found_levels:
         return None
+    most = max(found.walkable_m2 for found in found_levels)
+    # A bare roof is larger than what furniture leaves of the floor below it.
+    below_m = math.inf if roofs else float(triangles_m[:, :, 2].max()) - _HEADROOM_M
+    inside = [found for found in found_levels if found.z_m < below_m and found.walkable_m2 >= _FURNISHED_SHARE * most]
+    found_levels = inside or found_levels
     most = max(found.walkable_m2 for found in found_levels)
     large = [found for found in found_levels if found.walkable_m2 >= 0.5 * most]
     # A thin floor slab has two large levels; the robot stands on the upper one.
@@ -119,7 +135,7 @@ def levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
         near = np.abs(z - (low + (peak + 1) * _BIN_M)) <= 1.5 * _BIN_M
         candidates.append(_weighted_median(z[near], area[near]))
         remaining[max(0, peak - 2) : peak + 3] = 0.0
-    return [Level(height, _walkable_m2(triangles_m, level, height)) for height in sorted(set(candidates))]
+    return [_level_at(triangles_m, level, height) for height in sorted(set(candidates))]
 
 
 def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
@@ -128,13 +144,16 @@ def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarra
     return float(values[order][np.searchsorted(share, share[-1] / 2.0)])
 
 
-def _walkable_m2(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarray, "l 3 3"], z_m: float) -> float:
+def _level_at(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarray, "l 3 3"], z_m: float) -> Level:
     ground = clip_to_slab(level, z_m - _BIN_M, z_m + _BIN_M)
     if not len(ground):
-        return 0.0
+        return Level(z_m, 0.0, 0.0)
     grid = _coarse_grid(ground)
     above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
-    return float(np.count_nonzero(rasterise(ground, grid) & ~rasterise(above, grid))) * grid.resolution_m**2
+    cells = rasterise(ground, grid)
+    walkable = cells & ~rasterise(above, grid)
+    walkable_m2, area_m2 = (float(np.count_nonzero(own)) * grid.resolution_m**2 for own in (walkable, cells))
+    return Level(z_m, walkable_m2, area_m2)
 
 
 def _coarse_grid(polygons_m: Float64[np.ndarray, "p k 2"]) -> Grid:

@@ -32,6 +32,14 @@ def test_the_outside_of_a_wall_is_no_storey(preferred):
     assert find_up(_triangles(to_y_up(house)), preferred) == "y"
 
 
+@pytest.mark.parametrize("preferred", ["y", "z"])
+def test_furniture_on_the_floor_does_not_lay_a_room_on_its_side(preferred):
+    furniture = [box((0, 0, 0), (2, 1.6, 0.5)), box((0, 1.8, 0), (0.6, 3, 2)), box((1.4, 2.4, 0), (3, 3, 0.75))]
+    bedroom = trimesh.util.concatenate([room(3.0, 3.0, 2.6), *furniture, box((2.4, 0, 0), (3, 0.6, 0.9))])
+    assert find_up(_triangles(bedroom), preferred) == "z"
+    assert find_up(_triangles(to_y_up(bedroom)), preferred) == "y"
+
+
 def test_a_cube_without_evidence_keeps_the_usual_axis():
     cube = _triangles(room(2.5, 2.5, 2.5))
     assert find_up(cube, "y") == "y"
@@ -78,6 +86,25 @@ def test_of_two_storeys_the_lower_is_taken():
     floor = find_floor(_triangles(trimesh.util.concatenate([room(), upper])))
     assert floor is not None
     assert floor.z_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_roof_is_no_floor_though_furniture_leaves_less_of_the_floor():
+    desks = [box((x, y, 0.68), (x + 1.4, y + 0.8, 0.75)) for x in (0.2, 2.2, 4.2) for y in (0.2, 1.5, 2.8)]
+    classroom = _triangles(trimesh.util.concatenate([room(), *desks]))
+    floor, roof = find_floor(classroom), find_floor(classroom, roofs=True)
+    assert floor is not None
+    assert roof is not None
+    assert (floor.z_m, roof.z_m) == (pytest.approx(0.0, abs=1e-6), pytest.approx(2.6, abs=1e-6))
+
+
+@pytest.mark.parametrize("size_m", [0.5, 2.5])
+def test_a_floor_within_low_walls_goes_before_a_hole_in_it(size_m):
+    ends = np.array([[0, 0, 6, 2], [0, 4.5, 6, 6], [0, 2, 2, 4.5], [2 + size_m, 2, 6, 4.5], [2, 2 + size_m, 4.5, 4.5]])
+    floor = [box((x0, y0, -0.1), (x1, y1, 0.0)) for x0, y0, x1, y1 in ends if y1 > y0]
+    pit = box((2.0, 2.0, -1.1), (2.0 + size_m, 2.0 + size_m, -1.0))
+    found = find_floor(_triangles(trimesh.util.concatenate([*floor, pit, box((-0.1, 0, 0), (0, 6, 0.4))])))
+    assert found is not None
+    assert found.z_m == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_ceiling_is_seen_and_open_sky_is_too():

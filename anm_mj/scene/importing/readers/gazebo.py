@@ -254,7 +254,7 @@ def lacks_ground(triangles_m: Float[np.ndarray, "f 3 3"]) -> bool:
     z_m = triangles_m[:, :, 2]
     if abs(float(z_m.min())) > _ON_GROUND_M:
         return False
-    floor = find_floor(triangles_m)
+    floor = find_floor(triangles_m, roofs=True)
     if floor is None:
         return True
     if floor.z_m < _FLOOR_M:
