@@ -33,6 +33,8 @@ _MAX_EXTENT_M = 500.0
 _MIN_EXTENT_M = 0.1
 _ONE_STOREY_M = 4.5
 """What is no higher has one storey [m]."""
+_LOW_M = 1.8
+"""A building found to be lower is mostly in inches, which look like cm [m]."""
 _FAR_M = 1000.0
 """Farther from the origin, single precision is coarser than a tenth of a millimetre [m]."""
 
@@ -86,6 +88,9 @@ def place(parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | 
         up = find_up(triangles, parsed.up, parsed.up_certainty)
     rotation = rotation_to_z_up(up)
     triangles = triangles @ rotation.T
+    # In metres, low walls are those of an arena.
+    if scale_how == "found" and scale != 1.0:
+        _warn_if_low(float(np.ptp(triangles[:, :, 2])))
     origin = _origin(triangles)
     # Only a source whose axes are known has joints.
     world = _turned(parsed, rotation, scale, np.array([-origin[0], -origin[1], 0.0]))
@@ -153,6 +158,15 @@ def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: flo
         raise SceneError(
             f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
             "give another scale, or leave out parts with --leave-out."
+        )
+
+
+def _warn_if_low(height_m: float) -> None:
+    if height_m < _LOW_M:
+        _logger.warning(
+            "The scene is only %.2g m high: if its source has another unit give --scale 0.0254 (inches) or "
+            "--scale 0.3048 (feet).",
+            height_m,
         )
 
 
