@@ -91,7 +91,8 @@ def navigable_area(
     if largest_m2 < _MIN_AREA_M2:
         raise SceneError(
             f"A robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m has only {largest_m2:.2g} "
-            f"m2 to move on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
+            f"m2 to move on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0, and needs {_MIN_AREA_M2:g} m2: "
+            "check the up axis and the scale."
         )
     # The ground around a building with shut doors may be larger than its rooms.
     is_building = float(walled.max()) * grid.resolution_m**2 >= _MIN_AREA_M2

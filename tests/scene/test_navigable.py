@@ -70,6 +70,11 @@ def test_below_a_table_is_no_place_for_a_tall_robot():
     assert low.area_m2 > area.area_m2 + 0.3
 
 
+def test_a_closet_is_refused_with_the_least_area():
+    with pytest.raises(SceneError, match=r"has only 0\.4\d? m2 to move on .* and needs 0\.5 m2"):
+        _area(room(1.1, 1.0, 2.3))
+
+
 def test_without_floor_there_is_nothing_to_stand_on():
     with pytest.raises(SceneError, match="check the up axis"):
         _area(

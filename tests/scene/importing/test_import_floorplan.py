@@ -137,6 +137,13 @@ def test_every_format_gives_its_rooms_and_the_door_between_them(plan, area_m2, k
     assert 1.7 < sum(gaps) < 2.6
 
 
+def test_one_room_is_counted_as_one(tmp_path, caplog):
+    plan = _houseexpo() | {"verts": [[0, 0], [8, 0], [8, 4], [0, 4]]}
+    with caplog.at_level("INFO"):
+        import_floorplan(_written(plan, tmp_path / "plan.json"), tmp_path / "out", furniture=False)
+    assert "plan.json: 1 room, 0 passages (HouseExpo)" in caplog.text
+
+
 def test_a_houses_windows_are_those_of_the_file(tmp_path):
     _, building, _ = read_floorplan(_written(_procthor(), tmp_path / "plan.json"))
 
