@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from anm_mj.io.run_folder import RunFolder
 
 RUN_FAILED = 2
-"""Exit status of a run that an error of its policy or of its map has ended; its files are complete."""
+"""Exit status of a run that a fault of its policy, its map or its camera has ended; its files are complete."""
 
 
 def policy_names() -> Iterator[str]:
@@ -170,5 +170,5 @@ def show_run(
     ):
         waits = {"is_over": lambda: interrupt.is_requested} if live else {}
         folder, metrics = start(observers=[interrupt, line, *views], **waits)
-    failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR)
+    failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR, StopReason.SENSOR_FAULT)
     return report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)

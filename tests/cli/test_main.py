@@ -12,8 +12,11 @@ import trimesh
 from rich.console import Console
 
 from anm_mj.cli.console import busy
+from anm_mj.cli.explore import show_run
 from anm_mj.cli.main import COMMANDS, main
 from anm_mj.config import OPTIONS
+from anm_mj.evaluation.metrics import COUNTS, Metrics
+from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.registry import policies
 from anm_mj.sim.sensors.sensor_presets import SENSORS
 
@@ -243,6 +246,14 @@ def test_a_policy_that_fails_leaves_a_complete_run_and_a_sentence(capsys, tmp_pa
     assert "(faulty_policy.py, line 7)" in said
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["stop_reason"] == "POLICY_ERROR"
     assert (tmp_path / "run" / "mesh.ply").is_file()
+
+
+@pytest.mark.parametrize(("reason", "status"), [("SENSOR_FAULT", 2), ("MAP_ERROR", 2), ("BUDGET", 0), ("LOST", 0)])
+def test_a_run_that_a_fault_has_ended_has_failed(tmp_path, reason, status):
+    counts = dict.fromkeys(COUNTS, 0)
+    metrics = Metrics(stop_reason=reason, path_m=0.0, stage_hz={}, **counts)
+    folder = RunFolder.create(tmp_path / "run", "room", "gvg")
+    assert show_run(lambda observers: (folder, metrics), None, None, verbose=False).status == status
 
 
 def test_a_bar_without_end_shows_only_in_a_terminal():
