@@ -1,12 +1,12 @@
 """Notices a camera that has stopped measuring, and keeps what it gives then out of the map.
 
 A frame that cannot be true is handed on without depth: one without any although the map expects some
-(:mod:`anm_mj.sensing.expected_view`), a black one of a camera that had colours, one that repeats the last although the
-robot moved, one of another shape, one without a pose. The map and the policies then learn nothing from it. So many of
-them in a row end the run. To see nothing where nothing is expected, such as beyond an edge, is a measurement; a whole
-turn without any depth is a fault all the same. Single pixels that nothing beside them agrees with are left
-out, and a jump of the pose is undone where the map says that the robot did not jump
-(:mod:`anm_mj.sensing.pose_check`).
+(:mod:`anm_mj.sensing.expected_view`), a black one without new depth of a camera that had colours, one that repeats the
+last although the robot moved, one of another shape, one without a pose. The map and the policies then learn nothing
+from it. So many of them in a row end the run. In the dark, images are black and depth is true. To see nothing where
+nothing is expected, such as beyond an edge, is a measurement; a whole turn without any depth is a fault all the same.
+Single pixels that nothing beside them agrees with are left out, and a jump of the pose is undone where the map says
+that the robot did not jump (:mod:`anm_mj.sensing.pose_check`).
 """
 
 import logging
@@ -33,6 +33,8 @@ FEW_FRAMES = 3
 """One frame without depth may show a wall that is too near; after this many, nothing is known of the surroundings."""
 BLACK_LEVEL = 8
 """An image without any brighter value is black: what a closed lens shows is not all zero [0..255]."""
+LEAST_SHARE = 0.1
+"""Behind a black image only depth in at least this share of it counts: matching finds some in noise alone."""
 LEAST_RANGE_M = 4.0
 """A camera that measured nothing farther than this may have stood in a small room [m]."""
 RANGE_FRAMES = 24
@@ -47,7 +49,7 @@ SHAPE, POSE, SPECKLED = "shape", "pose", "speckled"
 _FIRST = {
     BLIND: "Frame %d holds no depth, although the map expects some; it is left out of the map.",
     REPEATED: "Frame %d repeats the last one although the robot moved.",
-    BLACK: "Frame %d is black; it is left out of the map.",
+    BLACK: "Frame %d is black, and its depth is not new; it is left out of the map.",
     SHAPE: "Frame %d has another size than the camera's first one; it is left out of the map.",
     POSE: "The pose of frame %d is not finite; the frame is left out of the map.",
     SPECKLED: "Frame %d holds depth that no pixel beside it agrees with; such pixels are left out of the map.",
@@ -56,7 +58,7 @@ _FAULT = {
     NOTHING: "The camera measured no depth in {} frames in a row",
     BLIND: "The camera measured no depth in {} frames in a row",
     REPEATED: "The camera gave the same image {} times although the robot moved",
-    BLACK: "The camera gave black images in {} frames in a row",
+    BLACK: "The camera gave black images without new depth in {} frames in a row",
     SHAPE: "The camera gave images of another size than at first in {} frames in a row",
     POSE: "The pose was not finite in {} frames in a row",
 }
@@ -159,7 +161,9 @@ class SensorMonitor:
             faulty = True
         black = int(observation.rgb.max(initial=0)) <= BLACK_LEVEL
         self._has_colour |= not black
-        if not self._count(BLACK, not black or not self._has_colour or faulty, observation):
+        # In the dark, or among black walls, the depth goes on.
+        good = not black or not self._has_colour or faulty or _has_new_depth(self._last, observation)
+        if not self._count(BLACK, good, observation):
             faulty = True
         self._last, self._sees = raw, not faulty
         judge = None if faulty else sdf_m
@@ -215,6 +219,14 @@ def _is_same_image(a: Observation, b: Observation) -> bool:
     if not np.array_equal(a.rgb[:8], b.rgb[:8]):
         return False
     return np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth_m, b.depth_m, equal_nan=True)
+
+
+def _has_new_depth(last: Observation | None, observation: Observation) -> bool:
+    """Whether a frame measures depth that neighbours agree with, and another than the last one's."""
+    believed = is_measured(observation.depth_m) & ~find_outliers(observation.depth_m)
+    if believed.mean() < LEAST_SHARE:
+        return False
+    return last is None or not np.array_equal(last.depth_m, observation.depth_m, equal_nan=True)
 
 
 def _has_pose(observation: Observation) -> bool:

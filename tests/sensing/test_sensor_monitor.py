@@ -141,7 +141,10 @@ def coloured(seen):
 
 
 def black_after_colour(seen):
-    return replace(seen, rgb=np.zeros_like(seen.rgb)) if seen.step >= 5 else coloured(seen)
+    """Black but for its noise, with the depth of the last frame that had colours."""
+    if seen.step < 5:
+        return coloured(seen)
+    return with_depth(30.004)(replace(seen, rgb=np.full_like(seen.rgb, seen.step % 2)))
 
 
 def half_size(seen):
@@ -170,6 +173,22 @@ def test_a_camera_without_colours_is_no_fault():
         kept = monitor.check(with_depth(3.0 + 0.01 * step)(seen), moved=True)
         assert np.isfinite(kept.depth_m).all()
     assert monitor.fault is None
+
+
+def test_depth_that_goes_on_behind_black_images_is_believed():
+    """The lights go out. Single values in the noise behind a closed lens are no depth."""
+    monitor, seen = SensorMonitor(), box_view(Pose2(-0.5, 0.1, 0.7))
+    monitor.check(seen)
+    for count in range(1, PATIENCE_FRAMES + 1):
+        dark = replace(box_view(Pose2(-0.5, 0.1, 0.7 + 0.1 * count)), rgb=np.zeros_like(seen.rgb))
+        assert np.isfinite(monitor.check(dark, moved=True).depth_m).all()
+    assert monitor.fault is None
+    rng = np.random.default_rng(4)
+    for _ in range(PATIENCE_FRAMES):
+        noise = np.where(rng.random(seen.depth_m.shape) < 0.02, rng.uniform(0.2, 6.0, seen.depth_m.shape), np.nan)
+        kept = monitor.check(replace(dark, depth_m=noise.astype(np.float32)), moved=True)
+        assert np.isnan(kept.depth_m).all()
+    assert "black images" in monitor.fault
 
 
 def test_a_camera_that_raises_ends_the_run_with_what_it_said(caplog):
