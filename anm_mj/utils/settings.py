@@ -91,11 +91,17 @@ def check_settings(config: Any, group: str, error: type[Exception]) -> None:
     names the setting, its value and what it must be.
     """
     for entry in fields(config):
-        value, limits = getattr(config, entry.name), entry.metadata.get(_LIMITS, _Limits())
+        value = getattr(config, entry.name)
         # A part that is a configuration of its own has checked itself.
-        if not is_dataclass(value) and not limits.hold(value):
+        if not is_dataclass(value) and (wanted := broken_limits(config, entry.name, value)):
             text = f"'{value}'" if isinstance(value, str) else value
-            raise error(f"{group}.{entry.name} is {text}; it must be {limits}.")
+            raise error(f"{group}.{entry.name} is {text}; it must be {wanted}.")
+
+
+def broken_limits(config: Any, name: str, value: Any) -> str:
+    """What a field must be, for a message, where it cannot have a value; else empty."""
+    (limits,) = (entry.metadata.get(_LIMITS, _Limits()) for entry in fields(config) if entry.name == name)
+    return "" if limits.hold(value) else str(limits)
 
 
 class Settings:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
+from typing import Any
 
 from anm_mj.errors import RobotError
-from anm_mj.utils.settings import Settings, setting
+from anm_mj.utils.settings import Settings, broken_limits, setting
 
 DEPTH_MODELS = ("exact", "stereo", "tof")
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
+_DEVIATIONS = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error", "color_sigma")
+_DEVIATIONS += ("exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
+_VARIANCES = ("color_gain", "odometry_alpha")
 _from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 
 
@@ -78,8 +82,16 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     as with wheels of unequal radius."""
 
     def __post_init__(self) -> None:
-        """Refuse what no sensor does. Raises RobotError if a choice is unknown, or a number is out of its range."""
+        """Refuse what no sensor does. Raises RobotError if a choice is unknown, or a number is out of its range as it
+        is or as ``noise_scale`` makes it.
+        """
         super().__post_init__()
+        for name, value in self._scaled_values().items():
+            if wanted := broken_limits(self, name, value):
+                raise RobotError(
+                    f"sensor.{name} is {getattr(self, name)} and sensor.noise_scale is {self.noise_scale:g}; "
+                    f"the first times {'the square of ' * (name in _VARIANCES)}the second must be {wanted}."
+                )
         if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):
             raise RobotError(
                 f"sensor.baseline_m is {self.baseline_m:g} and sensor.native_width_px is {self.native_width_px:g}; "
@@ -111,18 +123,14 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
 
         The angle from which pixels go missing moves from 90 degrees towards the camera's axis with the scale.
         """
+        return replace(self, noise_scale=1.0, **self._scaled_values())
+
+    def _scaled_values(self) -> dict[str, Any]:
+        """What ``noise_scale`` changes, by the names of the fields."""
         k = self.noise_scale
-        deviations = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error")
-        deviations += ("color_sigma", "exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
-        scaled = {name: k * getattr(self, name) for name in deviations}
+        scaled: dict[str, Any] = {name: k * getattr(self, name) for name in _DEVIATIONS}
         scaled |= {name: min(k * getattr(self, name), 1.0) for name in ("edge_missing", "flying_share")}
-        a1, a2, a3, a4 = self.odometry_alpha
-        return replace(
-            self,
-            noise_scale=1.0,
-            grazing_missing_deg=max(90.0 - k * (90.0 - self.grazing_missing_deg), 0.0),
-            # Variances.
-            color_gain=k**2 * self.color_gain,
-            odometry_alpha=(k**2 * a1, k**2 * a2, k**2 * a3, k**2 * a4),
-            **scaled,
-        )
+        scaled["grazing_missing_deg"] = max(90.0 - k * (90.0 - self.grazing_missing_deg), 0.0)
+        scaled["color_gain"] = k**2 * self.color_gain
+        scaled["odometry_alpha"] = tuple(k**2 * alpha for alpha in self.odometry_alpha)
+        return scaled

@@ -32,6 +32,16 @@ def test_impossible_values_are_refused(values: dict, message: str):
         SensorConfig(**values)
 
 
+@pytest.mark.parametrize(
+    ("values", "times"),
+    [({"odometry_radius_error": 0.3}, "times the second"), ({"color_gain": 1e8}, "times the square of the second")],
+)
+def test_noise_that_the_scale_makes_impossible_is_named_with_the_scale(values: dict, times: str):
+    ((name, value),) = values.items()
+    with pytest.raises(RobotError, match=rf"sensor.{name} is {value} and sensor.noise_scale is 5; .* {times} must be"):
+        SensorConfig(**values, noise_scale=5.0)
+
+
 @pytest.mark.parametrize("name", list(SENSORS))
 def test_twice_the_noise_is_possible(name: str):
     twice = SensorConfig(**{**vars(SENSORS[name]), "noise_scale": 2.0}).scaled()
