@@ -60,6 +60,11 @@ def fails(capsys, *argv):
         (["--set", "planning=1"], "planning", "planning.margin_m"),
         (["--set", "planning.margin_m=1e999"], "1e999", "float"),
         (["--set", "planning.region_percentile=150"], "150", "below 100"),
+        (["--set", "sensor.odometry_radius_error=0.3", "--set", "sensor.noise_scale=5"], "is 0.3", "noise_scale is 5"),
+        *(
+            (["--policy", name, "--set", "policy.range_m=101"], "101", "at most 100")
+            for name in ("frontier", "upen", "anm")
+        ),
         (["--policy", "anm-s", "--set", "policy.visited_by=hearsay"], "hearsay", "sight, place"),
         (["--set", "mapping.field.blob_period_m=(1,2)"], "(1,2)", "tuple"),
         (["--set", "preset=paper"], "preset", "--preset paper"),

@@ -10,7 +10,7 @@ from anm_mj.utils.settings import setting
 class AnmConfig(PolicyConfig):
     """Which surface counts as uncertain, and where the targets before it lie."""
 
-    range_m: float = 10.0
+    range_m: float = setting(10.0, at_most=100.0)
     """Depth beyond this is left out of the policy's own grid [m]."""
     near_m: float = 5.0
     """Half width of the local horizon [m]."""

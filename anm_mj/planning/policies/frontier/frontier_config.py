@@ -10,7 +10,7 @@ from anm_mj.utils.settings import setting
 class FrontierConfig(PolicyConfig):
     """How far the policy scans, and when it leaves a frontier for later or gives it up."""
 
-    range_m: float = 3.0
+    range_m: float = setting(3.0, at_most=100.0)
     """Depth beyond this is ignored [m]; 3 m as published, 10 m is the camera's range in the paper's protocol."""
     min_distance_m: float = setting(1.0, at_least=0.0)
     """Frontiers nearer than this come after all others [m]."""

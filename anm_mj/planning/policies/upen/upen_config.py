@@ -11,7 +11,7 @@ from anm_mj.utils.settings import setting
 class UpenConfig(PolicyConfig):
     """The random tree that the policy grows, and how long it follows a path."""
 
-    range_m: float = 10.0
+    range_m: float = setting(10.0, at_most=100.0)
     """Depth beyond this is left out of the policy's own grid [m]."""
     num_samples: int = setting(2500, at_most=100_000)
     """Samples that the tree is grown towards."""
