@@ -1,8 +1,9 @@
 """A two-dimensional occupancy grid from the depth camera used as a planar scanner, for policies with their own map.
 
-Every image column is one beam of a scan. It ends at the nearest surface within the heights of the robot's body, and the
-cells before that are free (Moravec and Elfes, ICRA 1985; Yamauchi, CIRA 1997). Its range can be limited, as in the
-published configurations of the baselines; that of the neural map's occupancy grid cannot.
+Every image column is one beam of a scan. It ends at the nearest surface within the heights of the robot's body, or
+where it goes through a hole in the floor, and the cells before that are free (Moravec and Elfes, ICRA 1985; Yamauchi,
+CIRA 1997). Its range can be limited, as in the published configurations of the baselines; that of the neural map's
+occupancy grid cannot.
 
 An occupied cell remembers where in it the beams ended, so clearance is measured to surfaces and not to cells. The graph
 of the other policies measures it to zero-crossings of the field; without this rule a policy with a grid would not fit
@@ -38,6 +39,8 @@ GROWTH_CELLS = 128
 """The grid grows in blocks of this many cells."""
 HIT, PASS = 0.85, -0.4
 """Log-odds that one scan adds to a cell that a beam ends in, and to one that a beam passes through."""
+DROP_M = 0.1
+"""A point lower than this below the floor shows that there is none where its ray goes through [m]."""
 LEVEL_SINE = 0.01
 """A camera counts as level when the elevation of its axis has a smaller sine."""
 JOINED_M = 0.25
@@ -182,6 +185,11 @@ class ScanGrid:
         # Comparisons with NaN are false: a pixel without depth neither ends a beam nor lengthens it.
         obstacle = (height_m > self.footprint.z_min_m) & (height_m < self.footprint.z_max_m)
         nearest_m = np.where(obstacle, distance_m, np.inf)
+        below = height_m < -DROP_M
+        if below.any():
+            # What lies below the floor is seen through a hole in it: there the ground ends.
+            camera_m = observation.T_world_camera[2, 3]
+            nearest_m[below] = distance_m[below] * camera_m / (camera_m - height_m[below])
         seen_m = np.where(height_m < self.footprint.z_max_m, distance_m, 0.0)
         if is_level:
             nearest_m, seen_m = nearest_m.min(axis=0), seen_m.max(axis=0)

@@ -1,8 +1,9 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from anm_mj.frames import cell_to_world, world_to_cell
+from anm_mj.frames import cell_to_world, pixel_directions, world_to_cell
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
@@ -55,6 +56,22 @@ def test_a_limited_range_leaves_the_far_wall_unknown():
     assert state_at(grid, 1.4, 0.0) == FREE
     assert state_at(grid, 1.7, 0.0) == UNKNOWN
     assert state_at(grid, 2.0, 0.0) == UNKNOWN
+
+
+def test_the_rim_of_a_pit_is_an_obstacle():
+    """From x = 1.4 m on the floor lies 1.5 m lower."""
+    seen = look(Pose2(0.0, 0.0, 0.0))
+    camera_m, rays = seen.T_world_camera[2, 3], pixel_directions(seen.intrinsics)
+    down = np.maximum(rays[..., 1], 1e-6)
+    over_the_pit = (camera_m / down > 1.4) & (camera_m / down < seen.depth_m + 1e-3)
+    depth_m = np.where(over_the_pit, np.minimum((camera_m + 1.5) / down, 2.0), seen.depth_m)
+    grid = ScanGrid(FOOTPRINT, 10.0)
+
+    grid.integrate(replace(seen, depth_m=depth_m.astype(np.float32)))
+
+    assert state_at(grid, 1.3, 0.0) == FREE
+    assert state_at(grid, 1.42, 0.0) == OCCUPIED
+    assert state_at(grid, 1.7, 0.0) == UNKNOWN
 
 
 def test_growing_keeps_what_is_known_where_it_is():
