@@ -73,6 +73,14 @@ def test_the_rim_of_a_pit_is_an_obstacle():
     assert state_at(grid, 1.42, 0.0) == OCCUPIED
     assert state_at(grid, 1.7, 0.0) == UNKNOWN
 
+    # A pixel or two of noise are no pit.
+    row, col = np.argwhere(over_the_pit & (np.abs(rays[..., 0]) < 0.05))[0]
+    noisy_m = seen.depth_m.copy()
+    noisy_m[row, col : col + 2] = depth_m[row, col : col + 2]
+    level = ScanGrid(FOOTPRINT, 10.0)
+    level.integrate(replace(seen, depth_m=noisy_m))
+    assert OCCUPIED not in [state_at(level, x_m, 0.0) for x_m in np.arange(0.5, 1.9, 0.05)]
+
 
 def test_growing_keeps_what_is_known_where_it_is():
     grid = ScanGrid(FOOTPRINT, 3.0)
