@@ -186,9 +186,10 @@ class ScanGrid:
         obstacle = (height_m > self.footprint.z_min_m) & (height_m < self.footprint.z_max_m)
         nearest_m = np.where(obstacle, distance_m, np.inf)
         below = height_m < -DROP_M
-        # A noisy camera sees single pixels of a far floor below it.
-        if below.any() and (below := ndimage.binary_opening(below, np.ones((3, 3)))).any():
-            # What lies below the floor is seen through a hole in it: there the ground ends.
+        if below.any():
+            # What lies below the floor is seen through a hole in it: there the ground ends. A noisy camera sees single
+            # pixels of a far floor below it.
+            below = np.asarray(ndimage.binary_opening(below, np.ones((3, 3))), bool)
             camera_m = observation.T_world_camera[2, 3]
             nearest_m[below] = distance_m[below] * camera_m / (camera_m - height_m[below])
         seen_m = np.where(height_m < self.footprint.z_max_m, distance_m, 0.0)
