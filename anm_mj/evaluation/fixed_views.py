@@ -32,8 +32,8 @@ NUM_VIEWS = 200
 """Views of every scene."""
 VIEW_PX = 96
 """Width and height of the views [px]."""
-METHOD = 1
-"""Version of the choice of views; a higher one ignores what older versions cached."""
+METHOD = 2
+"""Version of the choice of views and of how they are drawn; a higher one ignores what older versions cached."""
 _ARRAYS = ("pose", "rgb", "depth_mm", "T_world_camera", "camera")
 """Of a cached file: x [m], y [m], yaw [rad] of the base; colours; planar depth [mm], 0 = none; poses of the camera; fx,
 fy, cx, cy [px]."""

@@ -75,10 +75,13 @@ def halved(texture: UInt8[np.ndarray, "h w c"]) -> UInt8[np.ndarray, "h2 w2 c"]:
     """
     height, width = texture.shape[:2]
     size = max(1, width // 2), max(1, height // 2)
-    rimmed = Image.fromarray(np.pad(texture, ((_RIM, _RIM), (_RIM, _RIM), (0, 0)), mode="wrap"))
+    rimmed = np.pad(texture, ((_RIM, _RIM), (_RIM, _RIM), (0, 0)), mode="wrap")
+    # Not as RGBA: transparent texels would turn black, and not everything that is drawn asks for transparency.
+    mode = "RGBX" if texture.shape[2] == 4 else "RGB"
+    picture = Image.frombuffer(mode, rimmed.shape[1::-1], rimmed, "raw", mode, 0, 1)
     # Where both sides are even, this filter has those weights.
     box = (_RIM, _RIM, _RIM + width, _RIM + height)
-    return np.ascontiguousarray(rimmed.resize(size, Image.Resampling.BILINEAR, box))
+    return np.ascontiguousarray(picture.resize(size, Image.Resampling.BILINEAR, box))
 
 
 def _mip_levels(texture: UInt8[np.ndarray, "h w 3"]) -> list[UInt8[np.ndarray, "_ _ 3"]]:

@@ -70,3 +70,9 @@ def test_levels_keep_the_mean(shape):
     level = halved(texture)
     assert level.shape == (max(1, shape[0] // 2), max(1, shape[1] // 2), 4)
     np.testing.assert_allclose(level.mean(axis=(0, 1)), texture.mean(axis=(0, 1)), atol=4.0)
+
+
+def test_transparent_texels_keep_their_colour():
+    texture = np.zeros((8, 8, 4), np.uint8)
+    texture[..., :3] = 90, 120, 150
+    np.testing.assert_array_equal(halved(texture), np.broadcast_to([90, 120, 150, 0], (4, 4, 4)))

@@ -97,14 +97,11 @@ def import_floorplan(
         source or f"floor plan {src.name} ({form}{repo})",
         licence or str(told.get("licence", "unknown")),
     )
-    rooms, passages = _counted(len(building.rooms), "room"), _counted(len(building.passages), "passage")
-    _logger.info("%s: %s, %s (%s)", src.name, rooms, passages, form)
+    rooms, passages = len(building.rooms), len(building.passages)
+    counted = f"{rooms} room{'s' * (rooms != 1)}, {passages} passage{'s' * (passages != 1)}"
+    _logger.info("%s: %s (%s)", src.name, counted, form)
     # The content of the file seeds the furniture.
     return write_building(building, zlib.crc32(read_bytes(src)), info, out, furniture)
-
-
-def _counted(number: int, one: str) -> str:
-    return f"{number} {one}" if number == 1 else f"{number} {one}s"
 
 
 def _check_size(building: Building, src: Path) -> None:
