@@ -29,6 +29,7 @@ from anm_mj.mapping.occupancy_kernels import (
     unseen_voxels,
 )
 from anm_mj.mapping.stray_pixels import Strays, are_single_outside, is_straying
+from anm_mj.sensing.missing_floor import MissingFloor, floor_voxels
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
@@ -68,6 +69,7 @@ class DepthOccupancy:
         """How noisy the images are."""
         self.strays = Strays()
         """Whether single pixels of them lie where nothing is."""
+        self._missing_floor = MissingFloor()
         self._num_frames = 0
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
@@ -131,6 +133,11 @@ class DepthOccupancy:
         if moved_m is not None:
             depth_m = np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
             view = view._replace(depth_m=depth_m)
+        no_floor = floor_voxels(
+            self._missing_floor.look(depth_m, intrinsics, T_world_camera, range_m), self.config.voxel_m
+        )
+        if len(no_floor):
+            low, high = np.minimum(low, no_floor.min(axis=0)), np.maximum(high, no_floor.max(axis=0))
         if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
             view = view._replace(depth_m=free_space_depth(depth_m, range_m))
             box = self._view_box(view, self.config.carve_range_m)
@@ -150,6 +157,8 @@ class DepthOccupancy:
             self._kernels.free_left(self.voxels, heavy, self._moved.heights, self._num_frames)
             self._moved.free_left(self.voxels, self._num_frames)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
+        # No ray went through them; a hit fills them again, as if one had.
+        self.voxels.free(no_floor, -self.config.miss, self._num_frames)
 
     def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
         """See :class:`anm_mj.protocols.FindsMoved`."""
@@ -192,6 +201,7 @@ class DepthOccupancy:
         self.settle_moved()
         before = self.voxels
         self.voxels = unseen_voxels(before.state.shape, before.corner)
+        self._missing_floor = MissingFloor()
         for view in views:
             self.integrate(*view)
         if moved is not None:

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Int64, UInt8, UInt
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import UNKNOWN, Intrinsics
+from anm_mj.types import FREE, UNKNOWN, Intrinsics
 from anm_mj.utils.read_file import array_of
 from anm_mj.utils.threads import usual_num_threads
 
@@ -60,6 +60,15 @@ class VoxelArrays(NamedTuple):
         layers, rows, cols = self.state.shape
         inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
         return inside, (z[inside], y[inside], x[inside])
+
+    def free(self, places: Int[np.ndarray, "n 3"], log_odds: int, frame: int) -> None:
+        """Make voxels, given by x, y, z index, free with these log-odds; those that are free stay as they are."""
+        _, (layer, row, col) = self.cells_of(places)
+        other = self.state[layer, row, col] != FREE
+        layer, row, col = layer[other], row[other], col[other]
+        self.log_odds[layer, row, col] = log_odds
+        self.state[layer, row, col] = FREE
+        self.column_version[row // BLOCK, col // BLOCK] = frame
 
     def near_occupied(
         self, points_m: Float[np.ndarray, "n 3"], reach_m: float, voxel_m: float

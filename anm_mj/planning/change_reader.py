@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Float, Int32
 
-from anm_mj.planning.grid_windows import Window, bounds, clamp
 from anm_mj.types import OccupancyGrid
 from anm_mj.utils.arrays import embed
+from anm_mj.utils.grid_windows import Window, bounds, clamp
 
 
 class ChangeReader:

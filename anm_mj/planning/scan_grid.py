@@ -19,6 +19,7 @@ from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
+from anm_mj.sensing.missing_floor import MissingFloor
 from anm_mj.sensing.pixel_state import measured_pixels
 from anm_mj.types import (
     FORWARD_STEP_M,
@@ -65,6 +66,7 @@ class ScanGrid:
         self.range_m = range_m
         self.origin_xy_m = np.zeros(2)
         """World x, y of the outer corner of cell [0, 0]."""
+        self._missing_floor = MissingFloor()
         self.log_odds = np.zeros((0, 0), np.float32)
         """NaN in cells that no beam has touched."""
         self.surface_m = np.zeros((2, 0, 0), np.float32)
@@ -101,6 +103,10 @@ class ScanGrid:
     def integrate(self, observation: Observation) -> None:
         """Add a scan; the ground under the robot is free, because it stands there."""
         camera_xy_m = observation.T_world_camera[:2, 3]
+        depth_m = (
+            observation.depth_m if observation.moved_m is None else np.fmin(observation.depth_m, observation.moved_m)
+        )
+        self._missing_floor.look(depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m)
         self._grow(np.stack([camera_xy_m - self.range_m, camera_xy_m + self.range_m]))
         end_m, hit = self._beams(observation)
         # Beams are planes of constant azimuth, as image columns are where the camera is level.
@@ -127,6 +133,7 @@ class ScanGrid:
     def topdown(self) -> TopDownMap:
         """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
         state = np.where(self.log_odds > 0, np.int8(OCCUPIED), np.int8(FREE))
+        state[self._mask(self._missing_floor.places_xy_m())] = OCCUPIED
         state[np.isnan(self.log_odds)] = UNKNOWN
         found: Any = ndimage.distance_transform_edt(state != OCCUPIED, return_indices=True)
         cells, nearest = found

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.paths import ShortestPathTree, shortest_paths
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
@@ -24,6 +23,7 @@ from anm_mj.types import (
     TopDownMap,
     VoronoiGraph,
 )
+from anm_mj.utils.grid_windows import Window
 from anm_mj.utils.stopwatch import Stopwatch
 
 TRY_AGAIN = "another try to pass what blocked the robot"

@@ -25,7 +25,8 @@ class TopDownMap:
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Where free space borders on unknown space [m]."""
     no_floor: Bool[np.ndarray, "rows cols"] | None = None
-    """Where a view went through to below the floor: a drop, and what lies beyond it; None where nobody knows."""
+    """Where a view went through to below the floor, or a camera looked for it in vain: a drop, and what lies beyond it;
+    None where nobody knows."""
 
 
 @dataclass(frozen=True)

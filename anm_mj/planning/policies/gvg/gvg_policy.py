@@ -22,7 +22,6 @@ from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView, turns_to_look_around
-from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
@@ -54,6 +53,7 @@ from anm_mj.types import (
     TargetOutcome,
     TopDownMap,
 )
+from anm_mj.utils.grid_windows import Window
 from anm_mj.utils.stopwatch import Stopwatch
 
 

@@ -22,7 +22,6 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from anm_mj import _native
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.binding import unbound_shares
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
@@ -32,6 +31,7 @@ from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
 from anm_mj.types import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2, SurfaceErrors
+from anm_mj.utils.grid_windows import Window
 
 TRIAL_STEP = 0.9
 """A view suppresses a cell again only from nearer than this share of the nearest distance so far."""
