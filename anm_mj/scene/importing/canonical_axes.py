@@ -6,11 +6,11 @@ largest level surface near the bottom with headroom.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 
 from anm_mj.scene.raster import Grid, areas, clip_to_slab, grid_over, level_mask, rasterise
 
@@ -26,6 +26,12 @@ _BIN_M = 0.02
 _MAX_CELLS = 1_010_000
 _FURNISHED_SHARE = 0.25
 """Where at least this share of a level has headroom, furniture stands on the rest."""
+_OPEN_SHARE, _LEAST_ROOFED_M2 = 0.25, 4.0
+"""A level with a roof over no more than this share is open ground; a building has a roof over at least so much [m2]."""
+_MOST_LEVELS = 24
+"""So many are looked at in a scene with open ground: each storey has four, the sides of its floor and its ceiling."""
+_ROOF_M = 1.8
+"""A level surface farther above a floor than this is a ceiling or a roof [m]."""
 _T_WORLD_SOURCE = {
     "z": np.eye(3),
     # +90 degrees about x: source y becomes world z.
@@ -104,7 +110,7 @@ def find_floor(triangles_m: Float[np.ndarray, "f 3 3"], *, roofs: bool = False) 
     of two storeys it takes the lower one. Roofs and the tops of walls count only where there is little else, or with
     ``roofs``.
     """
-    found_levels = levels(triangles_m)
+    found_levels = levels(triangles_m) if roofs else indoor_levels(triangles_m)
     if not found_levels:
         return None
     most = max(found.walkable_m2 for found in found_levels)
@@ -118,8 +124,29 @@ def find_floor(triangles_m: Float[np.ndarray, "f 3 3"], *, roofs: bool = False) 
     return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
 
 
-def levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
-    """The largest horizontal surfaces of triangles with z up, from the lowest to the highest; at most eight."""
+def indoor_levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
+    """Levels as :func:`levels` finds them; where the largest lies mostly under the open sky, as the ground about a
+    house does, the walkable area of all of them is what of it has a ceiling or a roof.
+    """
+    found = levels(triangles_m)
+    top_m = float(triangles_m[:, :, 2].max()) - _HEADROOM_M
+    ground = max((level for level in found if level.z_m < top_m), key=lambda level: level.walkable_m2, default=None)
+    if ground is None:
+        return found
+    flat = triangles_m[level_mask(triangles_m)]
+    if _roofed_m2(triangles_m, flat, ground.z_m) > _OPEN_SHARE * ground.walkable_m2:
+        return found
+    # Floors of a house are small beside its garden.
+    smaller = levels(triangles_m, _LEAST_ROOFED_M2, _MOST_LEVELS)
+    roofed = [replace(level, walkable_m2=_roofed_m2(triangles_m, flat, level.z_m)) for level in smaller]
+    return roofed if max(level.walkable_m2 for level in roofed) >= _LEAST_ROOFED_M2 else found
+
+
+def levels(triangles_m: Float[np.ndarray, "f 3 3"], least_m2: float = math.inf, most: int = 8) -> list[Level]:
+    """The largest horizontal surfaces of triangles with z up, from the lowest to the highest, at most so many.
+
+    They have at least ``least_m2``, or 15 % of the area of the largest.
+    """
     level = triangles_m[level_mask(triangles_m)]
     if not len(level):
         return []
@@ -130,7 +157,8 @@ def levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
     histogram = histogram + np.append(histogram[1:], 0.0)
     candidates = []
     remaining = histogram.copy()
-    while remaining.max() >= 0.15 * histogram.max() and len(candidates) < 8:
+    least_m2 = min(least_m2, 0.15 * float(histogram.max()))
+    while remaining.max() >= least_m2 and len(candidates) < most:
         peak = int(np.argmax(remaining))
         near = np.abs(z - (low + (peak + 1) * _BIN_M)) <= 1.5 * _BIN_M
         candidates.append(_weighted_median(z[near], area[near]))
@@ -144,16 +172,44 @@ def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarra
     return float(values[order][np.searchsorted(share, share[-1] / 2.0)])
 
 
-def _level_at(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarray, "l 3 3"], z_m: float) -> Level:
-    ground = clip_to_slab(level, z_m - _BIN_M, z_m + _BIN_M)
-    if not len(ground):
+def _level_at(triangles_m: Float[np.ndarray, "f 3 3"], flat: Float[np.ndarray, "l 3 3"], z_m: float) -> Level:
+    ground = _ground_at(triangles_m, flat, z_m)
+    if ground is None:
         return Level(z_m, 0.0, 0.0)
+    grid, cells, walkable = ground
+    return Level(z_m, _area_m2(walkable, grid), _area_m2(cells, grid))
+
+
+def _roofed_m2(triangles_m: Float[np.ndarray, "f 3 3"], flat: Float[np.ndarray, "l 3 3"], z_m: float) -> float:
+    """How much of the walkable area at a height has a level surface more than 1.8 m above it [m2]."""
+    ground = _ground_at(triangles_m, flat, z_m)
+    if ground is None:
+        return 0.0
+    grid, _, walkable = ground
+    return _area_m2(walkable & _overhead(flat, z_m, grid), grid)
+
+
+def _ground_at(
+    triangles_m: Float[np.ndarray, "f 3 3"], flat: Float[np.ndarray, "l 3 3"], z_m: float
+) -> tuple[Grid, Bool[np.ndarray, "rows cols"], Bool[np.ndarray, "rows cols"]] | None:
+    """A grid over the level triangles at a height, its cells that they cover, and those of them with headroom."""
+    ground = clip_to_slab(flat, z_m - _BIN_M, z_m + _BIN_M)
+    if not len(ground):
+        return None
     grid = _coarse_grid(ground)
-    above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
     cells = rasterise(ground, grid)
-    walkable = cells & ~rasterise(above, grid)
-    walkable_m2, area_m2 = (float(np.count_nonzero(own)) * grid.resolution_m**2 for own in (walkable, cells))
-    return Level(z_m, walkable_m2, area_m2)
+    above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
+    return grid, cells, cells & ~rasterise(above, grid)
+
+
+def _overhead(flat: Float[np.ndarray, "l 3 3"], z_m: float, grid: Grid) -> Bool[np.ndarray, "rows cols"]:
+    """Cells with a level surface higher than 1.8 m above a height."""
+    low_m = z_m + _ROOF_M
+    return rasterise(clip_to_slab(flat, low_m, max(low_m, float(flat[:, :, 2].max()))), grid)
+
+
+def _area_m2(cells: Bool[np.ndarray, "rows cols"], grid: Grid) -> float:
+    return float(np.count_nonzero(cells)) * grid.resolution_m**2
 
 
 def _coarse_grid(polygons_m: Float64[np.ndarray, "p k 2"]) -> Grid:
@@ -170,5 +226,4 @@ def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
         return 0.0
     grid = _coarse_grid(floor)
     ground = rasterise(floor, grid)
-    overhead = clip_to_slab(level, 1.8, max(1.8, float(level[:, :, 2].max())))
-    return float(np.mean(rasterise(overhead, grid)[ground]))
+    return float(np.mean(_overhead(level, 0.0, grid)[ground]))

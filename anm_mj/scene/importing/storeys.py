@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.canonical_axes import Level, levels
+from anm_mj.scene.importing.canonical_axes import Level, indoor_levels
 from anm_mj.scene.raster import areas, clip, clip_to_slab, level_mask
 from anm_mj.scene.submesh import Submesh
 
@@ -21,6 +21,9 @@ _APART_M = 1.8
 _SLAB_M = (0.01, 0.8)
 """Depths below the next floor at which its slab may end [m]."""
 _WALLS_M = (0.8, 1.4)
+"""Heights above a floor at which walls are looked for [m]."""
+_WALLED = 0.4
+"""A storey's walls spread over more than this share of the extent of the widest one's."""
 _EDGE_M = 0.005
 _BELOW_M = 0.1
 """So much below a storey's floor still belongs to it [m]."""
@@ -46,14 +49,18 @@ class Storey:
 def find_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Storey]:
     """The storeys of triangles with z up, from the lowest to the highest; at most eight."""
     found: list[Level] = []
-    all_levels = levels(triangles_m)
+    all_levels = indoor_levels(triangles_m)
     if not all_levels:
         return []
     most = max(level.walkable_m2 for level in all_levels)
     for level in sorted(all_levels, key=lambda level: -level.walkable_m2):
         if level.walkable_m2 >= max(_SHARE * most, 1.0) and all(abs(level.z_m - own.z_m) > _APART_M for own in found):
             found.append(level)
-    found = sorted((level for level in found if _has_walls(triangles_m, level.z_m)), key=lambda level: level.z_m)
+    found.sort(key=lambda level: level.z_m)
+    # Things stand on a floor from one of its ends to the other; on a roof they do not. The ground goes on beyond.
+    spread = np.array([_spread(triangles_m, level.z_m) for level in found]).reshape(-1, 2)
+    has_walls = (spread > _WALLED * spread.max(axis=0, initial=0.0)).all(axis=1)
+    found = [level for level, own in zip(found, has_walls, strict=True) if own]
     if not found:
         return []
     tops = [_top_below(triangles_m, upper.z_m) for upper in found[1:]] + [float("inf")]
@@ -62,13 +69,10 @@ def find_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Storey]:
     ]
 
 
-def _has_walls(triangles_m: Float[np.ndarray, "f 3 3"], floor_m: float) -> bool:
-    """Whether things stand on a floor from one of its ends to the other; on a roof they do not."""
+def _spread(triangles_m: Float[np.ndarray, "f 3 3"], floor_m: float) -> Float[np.ndarray, "2"]:
+    """Extent along x and y of what stands on a floor [m]."""
     above = clip_to_slab(triangles_m, floor_m + _WALLS_M[0], floor_m + _WALLS_M[1])
-    if not len(above):
-        return False
-    spread, whole = (np.ptp(points.reshape(-1, points.shape[-1])[:, :2], axis=0) for points in (above, triangles_m))
-    return bool((spread > 0.4 * whole).all())
+    return np.ptp(above.reshape(-1, 2), axis=0) if len(above) else np.zeros(2)
 
 
 def _top_below(triangles_m: Float[np.ndarray, "f 3 3"], floor_m: float) -> float:

@@ -3,6 +3,7 @@ import pytest
 import trimesh
 
 from anm_mj.scene.importing.canonical_axes import covered_share, find_floor, find_scale, find_up, rotation_to_z_up
+from anm_mj.scene.importing.storeys import find_storeys
 from tests.scene.shapes import box, room, table, to_y_up, two_rooms
 
 
@@ -115,3 +116,29 @@ def test_a_ceiling_is_seen_and_open_sky_is_too():
 
 def test_walls_alone_have_no_floor():
     assert find_floor(_triangles(box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))[[0]] * [1.0, 0.0, 1.0]) is None
+
+
+def _on_a_lawn(plinth_m, storeys):
+    lawn = box((-15.0, -15.0, -0.1), (15.0, 15.0, 0.0))
+    plinth = [box((0.0, 0.0, 0.0), (8.0, 6.0, plinth_m))] if plinth_m else []
+    rooms = [room(8.0, 6.0, 2.6).apply_translation([0.0, 0.0, plinth_m + 3.0 * k]) for k in range(storeys)]
+    return _triangles(trimesh.util.concatenate([lawn, *plinth, *rooms]))
+
+
+@pytest.mark.parametrize("storeys", [1, 2])
+@pytest.mark.parametrize("plinth_m", [0.0, 0.25])
+def test_a_house_on_a_wide_lawn_is_explored_and_not_the_lawn(plinth_m, storeys):
+    house = _on_a_lawn(plinth_m, storeys)
+    floor = find_floor(house)
+    assert floor is not None
+    assert floor.z_m == pytest.approx(plinth_m, abs=1e-6)
+    heights = [storey.floor_m for storey in find_storeys(house)]
+    assert heights == pytest.approx([plinth_m + 3.0 * k for k in range(storeys)], abs=1e-6)
+
+
+def test_a_yard_with_a_shed_on_it_stays_the_floor():
+    yard = trimesh.util.concatenate([box((-6, -6, -0.1), (6, 6, 0.0)), room(1.5, 1.5, 2.2)])
+    floor = find_floor(_triangles(yard))
+    assert floor is not None
+    assert floor.z_m == pytest.approx(0.0, abs=1e-6)
+    assert floor.walkable_m2 > 100.0
