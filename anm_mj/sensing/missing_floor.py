@@ -1,8 +1,9 @@
 """Floor that a depth camera should have measured, and did not: stairs that lead down, a pit, a stairwell.
 
 A camera that loses pixels does not say why. Where nothing lies below a hole within its range, or what does is too dark,
-the floor is as unmeasured as floor that nobody looked at. So looks are counted: at places where the camera would have
-measured a floor, how often did it find one, and how often nothing?
+the floor is as unmeasured as floor that nobody looked at. So looks are counted: towards places where the camera would
+have measured a floor, how often did it measure something, and how often nothing? What stands before a place was measured
+instead of it, and at its edges pixels are lost, too: that is no hole.
 """
 
 import math
@@ -19,9 +20,9 @@ from anm_mj.utils.grid_windows import Window, clamp, dilate, relative_to
 CELL_M = 0.05
 """Edge of the squares in which looks are counted [m]."""
 LOOKS = 10
-"""So many views that found nothing make a square one without a floor, if fewer found one."""
+"""So many views that measured nothing make a square one without a floor, if fewer measured something."""
 FLOOR_M = 0.1
-"""What is measured within this of z = 0 is floor [m]."""
+"""A floor lies no farther below z = 0 than this [m]."""
 NEAREST_M, FARTHEST_M = 0.6, 3.0
 """Every depth camera measures between these depths [m]."""
 LEAST_SLOPE = math.tan(math.radians(20.0))
@@ -38,14 +39,14 @@ _NOTHING = np.zeros((0, 2))
 
 
 class MissingFloor:
-    """Counts, per square of the floor, of the views that found a floor there and of those that found nothing."""
+    """Counts, per square of the floor, of the views that measured something towards it and of those that did not."""
 
     def __init__(self) -> None:
         """Start without any look."""
         self._corner: Int[np.ndarray, "2"] = np.zeros(2, np.int64)
         """Row and column of the first square, counted from the world's origin."""
         self._lost: Int32[np.ndarray, "rows cols"] = np.zeros((0, 0), np.int32)
-        self._found: Int32[np.ndarray, "rows cols"] = np.zeros((0, 0), np.int32)
+        self._told: Int32[np.ndarray, "rows cols"] = np.zeros((0, 0), np.int32)
         self._is_missing: Bool[np.ndarray, "rows cols"] = np.zeros((0, 0), bool)
 
     def look(
@@ -74,7 +75,7 @@ class MissingFloor:
         low, high = squares.min(axis=0), squares.max(axis=0) + 1
         self._grow(low, high)
         window = clamp(low - self._corner, high - self._corner, self._lost.shape)
-        for count, part in ((self._lost, squares[is_lost]), (self._found, squares[~is_lost])):
+        for count, part in ((self._lost, squares[is_lost]), (self._told, squares[~is_lost])):
             # Several pixels of a view in one square are one look.
             once = np.zeros(tuple(high - low), bool)
             once[tuple((part - low).T)] = True
@@ -89,8 +90,8 @@ class MissingFloor:
         """Judge again around a window of squares whose counts changed; the centres of those without a floor [m]."""
         # A square may be part of what is wide enough by squares so far away.
         inner, outer = (dilate(looked, width, self._lost.shape) for width in (WIDTH - 1, 2 * WIDTH - 2))
-        lost, found = self._lost[outer], self._found[outer]
-        in_vain = (lost >= LOOKS) & (lost > found)
+        lost, told = self._lost[outer], self._told[outer]
+        in_vain = (lost >= LOOKS) & (lost > told)
         if not (in_vain.any() or self._is_missing[inner].any()):
             return _NOTHING
         missing = ndimage.binary_opening(in_vain, np.ones((WIDTH, WIDTH)))[relative_to(inner, outer)]
@@ -110,8 +111,8 @@ class MissingFloor:
         if shape == self._lost.shape:
             return
         start = self._corner - low if self._lost.size else np.zeros(2, np.int64)
-        self._lost, self._found, self._is_missing = (
-            embed(old, shape, start, 0) for old in (self._lost, self._found, self._is_missing)
+        self._lost, self._told, self._is_missing = (
+            embed(old, shape, start, 0) for old in (self._lost, self._told, self._is_missing)
         )
         self._corner = low
 
@@ -138,9 +139,7 @@ def _looked_at(
     T_world_camera: Float[np.ndarray, "4 4"],
     range_m: float,
 ) -> tuple[Int[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Row and column, counted from the world's origin, of the floor that pixels show or ought to, and which of them
-    lost it.
-    """
+    """Row and column of the floor that pixels look at, counted from the world's origin, and which pixels are lost."""
     k, T = intrinsics, T_world_camera
     stride = max(1, round(k.fx / _FOCAL_PX))
     depth_m = depth_m[::stride, ::stride]
@@ -150,8 +149,6 @@ def _looked_at(
     down, away, height_m = -z, np.sqrt(x * x + y * y), T[2, 3]
     farthest_m = min(FARTHEST_M, FAR_SHARE * range_m)
     shown = (down >= LEAST_SLOPE * away) & (height_m > down * NEAREST_M) & (height_m < down * farthest_m)
-    # Comparisons with NaN are false.
-    told = shown & (np.isnan(depth_m) | (np.abs(height_m - down * depth_m) < FLOOR_M))
-    to_floor_m = height_m / down[told]
-    row, col = T[1, 3] + y[told] * to_floor_m, T[0, 3] + x[told] * to_floor_m
-    return np.floor(np.stack([row, col], axis=1) / CELL_M).astype(np.int64), np.isnan(depth_m[told])
+    to_floor_m = height_m / down[shown]
+    row, col = T[1, 3] + y[shown] * to_floor_m, T[0, 3] + x[shown] * to_floor_m
+    return np.floor(np.stack([row, col], axis=1) / CELL_M).astype(np.int64), np.isnan(depth_m[shown])

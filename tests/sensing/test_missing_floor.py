@@ -85,6 +85,16 @@ def test_floor_that_is_measured_more_often_than_not_is_there():
     assert not cells(floor)
 
 
+def test_floor_behind_a_thing_that_loses_pixels_at_its_edges_is_not_missing():
+    lost_in = np.random.default_rng(0)
+    floor = MissingFloor()
+    for _ in range(5 * LOOKS):
+        thing = view(in_hole=1.0)
+        thing.depth_m[(thing.depth_m == 1.0) & (lost_in.random(thing.depth_m.shape) < 0.3)] = np.nan
+        look(floor, thing)
+    assert not cells(floor)
+
+
 def test_single_lost_pixels_are_no_hole():
     assert not cells(looked(view(hole=(3.0, 1.5, 3.1, 1.6))))
 
