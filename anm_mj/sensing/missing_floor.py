@@ -2,8 +2,8 @@
 
 A camera that loses pixels does not say why. Where nothing lies below a hole within its range, or what does is too dark,
 the floor is as unmeasured as floor that nobody looked at. So looks are counted: towards places where the camera would
-have measured a floor, how often did it measure something, and how often nothing? What stands before a place was measured
-instead of it, and at its edges pixels are lost, too: that is no hole.
+have measured a floor, how often did it measure something, and how often nothing? Things that stand before the floor are
+measured instead of it, and at their edges pixels are lost, too: that is no hole.
 """
 
 import math
