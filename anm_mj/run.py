@@ -163,8 +163,10 @@ def run_loop(
         checkpointer.finish(ended.num_steps, resumable=True)
     recorder.flush()
     wall_s = time.perf_counter() - begin
-    # What the renderer took is needed for the final training, the mesh and its comparison with the truth.
+    # What these took is needed for the final training, the mesh and its comparison with the truth.
     parts.robot.close()
+    if parts.localiser is not None:
+        parts.localiser.close()
     malloc_trim()
     load_mesh_library(recorder)
     # The last checkpoint holds what a resumed run goes on from; nobody shows this map anything any more.
@@ -172,6 +174,8 @@ def run_loop(
         mapper.settle_moved()
     else:
         mapper.finish()
+        # It holds the optimiser twice.
+        malloc_trim()
     left = _what_is_left(parts, recorder, ended)
     back = None
     if isinstance(parts.policy, ReturnToStart):

@@ -195,6 +195,10 @@ class FieldLocaliser:
         update = self._map.integrate(estimate.observation, effort)
         return replace(update, closes_loop=effort.is_keyframe and self._correct(estimate.observation))
 
+    def close(self) -> None:
+        """Forget the earlier frames, which take most of its memory: no frame is to come."""
+        self._key_images = KeyImages(self.config.key_images)
+
     def _correct(self, observation: Observation) -> bool:
         """Add a keyframe to the graph, and move what it corrects; whether that closes a loop."""
         graph = self.config.graph

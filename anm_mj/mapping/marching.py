@@ -85,12 +85,21 @@ def remove_unreferenced(
 def merge_vertices(
     vertices: Float[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]
 ) -> tuple[Int64[np.ndarray, " w"], Int64[np.ndarray, "g 3"]]:
-    """Equal vertices merged and collapsed faces dropped. Returns which vertices stay, and the faces over those."""
-    rounded = np.rint(vertices / _MERGE_M).astype(np.int64)
-    x, y, z = (rounded - rounded.min(axis=0, initial=np.iinfo(np.int64).max)).T & ((1 << _KEY_BITS) - 1)
-    key = (x << (2 * _KEY_BITS)) | (y << _KEY_BITS) | z
+    """Equal vertices merged and collapsed faces dropped. Returns which vertices stay, and the faces over those, which
+    were changed in place.
+    """
+    # Axis by axis, as a mesh and its copies may be most of the memory that a run takes.
+    key = np.zeros(len(vertices), np.int64)
+    for axis in vertices.T:
+        place = np.rint(axis / _MERGE_M).astype(np.int64)
+        place -= place.min(initial=np.iinfo(np.int64).max)
+        place &= (1 << _KEY_BITS) - 1
+        key <<= _KEY_BITS
+        key |= place
     _, kept, merged = np.unique(key, return_index=True, return_inverse=True)
-    faces = merged[faces].reshape(-1, 3)
+    del key
+    for corner in faces.T:
+        corner[...] = merged[corner]
     a, b, c = faces.T
     return kept, faces[(a != b) & (b != c) & (c != a)]
 

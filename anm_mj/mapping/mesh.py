@@ -86,7 +86,11 @@ class MeshExtractor:
                 piece = _Piece(fingerprint, self._triangles(sdf, rgb, inside, place, resolution_m))
             self._pieces[place] = piece
         self._resolution_m = resolution_m
-        return _joined([piece.triangles for piece in self._pieces.values()])
+        parts = [piece.triangles for piece in self._pieces.values()]
+        if not reuse:
+            # The mesh of a large building takes as much memory again.
+            self._pieces = {}
+        return _joined(parts)
 
     def _touched_places(self) -> list[tuple[tuple[int, int, int], int]]:
         """Parts of space with hits in or next to them, by x, y, z index, and the last frame that hit them."""
@@ -124,11 +128,17 @@ def colored_mesh(triangles: Triangles) -> trimesh.Trimesh:
 
 
 def _joined(parts: list[Triangles]) -> Triangles:
-    """All parts as one, equal vertices merged."""
-    empty = Triangles(np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3), np.float32))
-    parts = [empty, *parts]
-    starts = np.cumsum([0] + [len(part.vertices_m) for part in parts])
-    vertices = np.concatenate([part.vertices_m for part in parts])
-    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    """All parts as one, equal vertices merged; takes them out of the list, so that memory holds few copies."""
+    num_vertices, num_faces = sum(len(part.vertices_m) for part in parts), sum(len(part.faces) for part in parts)
+    vertices, rgb = np.empty((num_vertices, 3)), np.empty((num_vertices, 3), np.float32)
+    faces = np.empty((num_faces, 3), np.int64)
+    parts.reverse()
+    vertex = face = 0
+    while parts:
+        part = parts.pop()
+        more = slice(vertex, vertex + len(part.vertices_m))
+        vertices[more], rgb[more] = part.vertices_m, part.rgb
+        np.add(part.faces, vertex, out=faces[face : face + len(part.faces)])
+        vertex, face = more.stop, face + len(part.faces)
     kept, faces = merge_vertices(vertices, faces)
-    return Triangles(vertices[kept], faces, np.concatenate([part.rgb for part in parts])[kept])
+    return Triangles(vertices[kept], faces, rgb[kept])

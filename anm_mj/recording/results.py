@@ -155,6 +155,8 @@ def write_results(
     if truth is not None:
         recorder.background.submit(lambda: uncapped_cm.append(without_cap_cm(folder, truth, curve)))
     if finished.is_trained:
+        # The mesh takes most; what the survey and the files took is to make room for it.
+        malloc_trim()
         write_mesh(folder.mesh, finished.mesh(MESH_RESOLUTION_M))
     release()
     malloc_trim()
