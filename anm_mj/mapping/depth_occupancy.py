@@ -29,7 +29,7 @@ from anm_mj.mapping.occupancy_kernels import (
     unseen_voxels,
 )
 from anm_mj.mapping.stray_pixels import Strays, are_single_outside, is_straying
-from anm_mj.sensing.missing_floor import MissingFloor, floor_voxels
+from anm_mj.sensing.missing_floor import SQUARE_M, MissingFloor
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
@@ -69,7 +69,7 @@ class DepthOccupancy:
         """How noisy the images are."""
         self.strays = Strays()
         """Whether single pixels of them lie where nothing is."""
-        self._missing_floor = MissingFloor()
+        self._missing_floor = MissingFloor(max(SQUARE_M, config.voxel_m))
         self._num_frames = 0
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
@@ -133,17 +133,17 @@ class DepthOccupancy:
         if moved_m is not None:
             depth_m = np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
             view = view._replace(depth_m=depth_m)
-        no_floor = floor_voxels(
-            self._missing_floor.look(depth_m, intrinsics, T_world_camera, range_m), self.config.voxel_m
-        )
-        if len(no_floor):
-            low, high = np.minimum(low, no_floor.min(axis=0)), np.maximum(high, no_floor.max(axis=0))
         if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
             view = view._replace(depth_m=free_space_depth(depth_m, range_m))
             box = self._view_box(view, self.config.carve_range_m)
             # Space that was looked through is known, however far away the next surface lies. The sky above is not kept.
             low[:2], high[:2] = np.minimum(low, box[0])[:2], np.maximum(high, box[1])[:2]
         self._grow(low, high)
+        # After that: where a pose is absurd, it has said so.
+        missing_xy_m = self._missing_floor.look(depth_m, intrinsics, T_world_camera, range_m)
+        no_floor = self._missing_floor.voxels(missing_xy_m, self.config.voxel_m)
+        if len(no_floor):
+            self._grow(no_floor.min(axis=0), no_floor.max(axis=0))
         self._moved.expire(self.voxels, self._num_frames)
         heavy = self._moved.heavy(self.voxels, self._num_frames)
         if moved_m is not None:
@@ -201,7 +201,7 @@ class DepthOccupancy:
         self.settle_moved()
         before = self.voxels
         self.voxels = unseen_voxels(before.state.shape, before.corner)
-        self._missing_floor = MissingFloor()
+        self._missing_floor = MissingFloor(self._missing_floor.square_m)
         for view in views:
             self.integrate(*view)
         if moved is not None:

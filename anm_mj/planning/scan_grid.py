@@ -103,11 +103,10 @@ class ScanGrid:
     def integrate(self, observation: Observation) -> None:
         """Add a scan; the ground under the robot is free, because it stands there."""
         camera_xy_m = observation.T_world_camera[:2, 3]
-        depth_m = (
-            observation.depth_m if observation.moved_m is None else np.fmin(observation.depth_m, observation.moved_m)
-        )
-        self._missing_floor.look(depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m)
         self._grow(np.stack([camera_xy_m - self.range_m, camera_xy_m + self.range_m]))
+        depth_m, moved_m = observation.depth_m, observation.moved_m
+        shown_m = depth_m if moved_m is None else np.fmin(depth_m, moved_m)  # Of the two, one is NaN.
+        self._missing_floor.look(shown_m, observation.intrinsics, observation.T_world_camera, observation.range_m)
         end_m, hit = self._beams(observation)
         # Beams are planes of constant azimuth, as image columns are where the camera is level.
         level = _level(observation.T_world_camera[:3, :3])

@@ -17,7 +17,7 @@ from anm_mj.types import Intrinsics
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.grid_windows import Window, clamp, dilate, relative_to
 
-CELL_M = 0.05
+SQUARE_M = 0.05
 """Edge of the squares in which looks are counted [m]."""
 LOOKS = 10
 """So many views that measured nothing make a square one without a floor, if fewer measured something."""
@@ -41,8 +41,9 @@ _NOTHING = np.zeros((0, 2))
 class MissingFloor:
     """Counts, per square of the floor, of the views that measured something towards it and of those that did not."""
 
-    def __init__(self) -> None:
-        """Start without any look."""
+    def __init__(self, square_m: float = SQUARE_M) -> None:
+        """Start without any look; ``square_m`` is the edge of a square [m]."""
+        self.square_m = square_m
         self._corner: Int[np.ndarray, "2"] = np.zeros(2, np.int64)
         """Row and column of the first square, counted from the world's origin."""
         self._lost: Int32[np.ndarray, "rows cols"] = np.zeros((0, 0), np.int32)
@@ -69,9 +70,10 @@ class MissingFloor:
         # A camera that says what is beyond its range shows missing floor by what it sees through it.
         if not 0.0 < lost < MOST_LOST:
             return _NOTHING
-        squares, is_lost = _looked_at(depth_m, intrinsics, T_world_camera, range_m)
-        if not len(squares):
+        places_m, is_lost = _looked_at(depth_m, intrinsics, T_world_camera, range_m)
+        if not len(places_m):
             return _NOTHING
+        squares = np.floor(places_m[:, ::-1] / self.square_m).astype(np.int64)
         low, high = squares.min(axis=0), squares.max(axis=0) + 1
         self._grow(low, high)
         window = clamp(low - self._corner, high - self._corner, self._lost.shape)
@@ -99,7 +101,23 @@ class MissingFloor:
         return self._centres(np.argwhere(missing) + [s.start for s in inner])
 
     def _centres(self, row_col: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        return ((row_col + self._corner + 0.5) * CELL_M)[:, ::-1]
+        return ((row_col + self._corner + 0.5) * self.square_m)[:, ::-1]
+
+    def voxels(self, squares_xy_m: Float[np.ndarray, "n 2"], voxel_m: float) -> Int64[np.ndarray, "m 3"]:
+        """The voxels from right below the floor to z = 0 in squares of it, by x, y and z index.
+
+        Args:
+            squares_xy_m: centres of the squares [m].
+            voxel_m: edge of a voxel, whose centres lie at multiples of it [m].
+        """
+        # A square may lie on the border of two voxels.
+        parts = math.floor(self.square_m / voxel_m) + 1
+        offset_m = ((np.arange(parts) + 0.5) / parts - 0.5) * self.square_m
+        within = np.stack(np.meshgrid(offset_m, offset_m), axis=-1).reshape(-1, 2)
+        columns = np.rint((squares_xy_m[:, None] + within) / voxel_m).astype(np.int64).reshape(-1, 2)
+        columns = np.unique(columns, axis=0)
+        z = np.arange(-round(FLOOR_M / voxel_m), 1)
+        return np.column_stack([np.repeat(columns, len(z), axis=0), np.tile(z, len(columns))])
 
     def _grow(self, low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> None:
         """Make the grid hold squares from ``low`` up to, not including, ``high``."""
@@ -117,29 +135,13 @@ class MissingFloor:
         self._corner = low
 
 
-def floor_voxels(squares_xy_m: Float[np.ndarray, "n 2"], voxel_m: float) -> Int64[np.ndarray, "m 3"]:
-    """The voxels from right below the floor to z = 0 in squares of it, by x, y and z index.
-
-    Args:
-        squares_xy_m: centres of the squares [m].
-        voxel_m: edge of a voxel, whose centres lie at multiples of it [m].
-    """
-    # A square may lie on the border of two voxels.
-    parts = math.floor(CELL_M / voxel_m) + 1
-    offset_m = (np.arange(parts) + 0.5) / parts * CELL_M - CELL_M / 2
-    within = np.stack(np.meshgrid(offset_m, offset_m), axis=-1).reshape(-1, 2)
-    columns = np.unique(np.rint((squares_xy_m[:, None] + within) / voxel_m).astype(np.int64).reshape(-1, 2), axis=0)
-    z = np.arange(-round(FLOOR_M / voxel_m), 1)
-    return np.column_stack([np.repeat(columns, len(z), axis=0), np.tile(z, len(columns))])
-
-
 def _looked_at(
     depth_m: Float32[np.ndarray, "h w"],
     intrinsics: Intrinsics,
     T_world_camera: Float[np.ndarray, "4 4"],
     range_m: float,
-) -> tuple[Int[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Row and column of the floor that pixels look at, counted from the world's origin, and which pixels are lost."""
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Where on the floor pixels look [m], and which of these are lost."""
     k, T = intrinsics, T_world_camera
     stride = max(1, round(k.fx / _FOCAL_PX))
     depth_m = depth_m[::stride, ::stride]
@@ -150,5 +152,5 @@ def _looked_at(
     farthest_m = min(FARTHEST_M, FAR_SHARE * range_m)
     shown = (down >= LEAST_SLOPE * away) & (height_m > down * NEAREST_M) & (height_m < down * farthest_m)
     to_floor_m = height_m / down[shown]
-    row, col = T[1, 3] + y[shown] * to_floor_m, T[0, 3] + x[shown] * to_floor_m
-    return np.floor(np.stack([row, col], axis=1) / CELL_M).astype(np.int64), np.isnan(depth_m[shown])
+    places_m = np.stack([T[0, 3] + x[shown] * to_floor_m, T[1, 3] + y[shown] * to_floor_m], axis=1)
+    return places_m, np.isnan(depth_m[shown])

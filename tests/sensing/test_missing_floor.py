@@ -9,7 +9,7 @@ from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown_mapper import TopDownMapper
-from anm_mj.sensing.missing_floor import CELL_M, FLOOR_M, LOOKS, MissingFloor, floor_voxels
+from anm_mj.sensing.missing_floor import FLOOR_M, LOOKS, SQUARE_M, MissingFloor
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2
 from tests.planning.worlds import topdown_map
 
@@ -53,7 +53,7 @@ def looked(observation, views=LOOKS):
 
 
 def cells(floor):
-    return {tuple(cell) for cell in np.floor(floor.places_xy_m() / CELL_M).astype(int).tolist()}
+    return {tuple(cell) for cell in np.floor(floor.places_xy_m() / SQUARE_M).astype(int).tolist()}
 
 
 def test_a_hole_that_nothing_is_measured_in_is_missing_floor_and_the_floor_about_it_is_not():
@@ -118,8 +118,8 @@ def test_floor_beyond_three_quarters_of_the_range_is_not_expected_to_be_measured
 
 @pytest.mark.parametrize("voxel_m", [0.02, 0.05, 0.1])
 def test_the_voxels_of_a_square_reach_from_right_below_the_floor_to_it(voxel_m):
-    squares = np.array([[0.325 + CELL_M * k, -0.175] for k in range(6)])
-    voxels = floor_voxels(squares, voxel_m)
+    squares = np.array([[0.325 + SQUARE_M * k, -0.175] for k in range(6)])
+    voxels = MissingFloor().voxels(squares, voxel_m)
     x, y, z = (np.unique(axis) for axis in voxels.T)
     # Without gaps, and no more than half a voxel beyond the squares.
     assert (np.diff(x) == 1).all()
