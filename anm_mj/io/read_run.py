@@ -241,6 +241,9 @@ def contradictions(frames: Sequence[FrameRecord], steps: Sequence[StepRecord]) -
             return
         # A recorded sequence has no steps, and may have been cut.
         moved_m = np.linalg.norm(np.diff(camera, axis=0), axis=1) if steps else np.zeros(0)
+        if camera is believed and steps:
+            # A robot that was lost may be found anywhere.
+            moved_m[[frame.is_lost for frame in frames[:-1]]] = 0.0
         if moved_m.max(initial=0.0) > _LONGEST_STEP_M:
             at = int(moved_m.argmax())
             yield f"in frames.jsonl, step {numbers[at + 1]} is {moved_m[at]:.4g} m from step {numbers[at]}."

@@ -26,7 +26,7 @@ from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import is_jump, registered
-from anm_mj.localisation.relocalisation_scores import Hypothesis, frame_score
+from anm_mj.localisation.relocalisation_scores import frame_score
 from anm_mj.localisation.relocaliser import Relocaliser, possible_tilts
 from anm_mj.localisation.training_pace import TrainingPace
 from anm_mj.mapping.alignment import FramePoints
@@ -291,9 +291,8 @@ class FieldLocaliser:
         self._misfits = self._misfits + 1 if misfit else self._misfits
         if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
-            self._relocaliser.restart()
             # Perhaps only the frames were bad.
-            self._relocaliser.hypotheses = [Hypothesis(prior.T_world_camera, expected=True)]
+            self._relocaliser.restart(prior.T_world_camera)
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)

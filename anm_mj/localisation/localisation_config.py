@@ -283,6 +283,10 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     """leads every other by at least this over the root of the frames that both were compared with,"""
     frames: int = setting(4, at_most=1000)
     """over at least so many frames."""
+    carried_m: float = setting(3.0, at_least=0.0)
+    """Places farther from where odometry has the camera [m]"""
+    carried_frames: int = setting(40, at_most=100_000)
+    """are believed from so many frames after it was lost on: a whole rotation, in which a nearer place may fit."""
 
     def least(self, usual_score: float) -> float:
         """The score from which on a place is believed, where frames scored so much of late; NaN = nobody knows."""

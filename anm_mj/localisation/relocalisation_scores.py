@@ -47,15 +47,35 @@ def frame_score(fits: Agreement, found: Registration, config: RelocalisationConf
 
 
 def believable(
-    hypotheses: Sequence[Hypothesis], config: RelocalisationConfig, usual_score: float = math.nan
+    hypotheses: Sequence[Hypothesis],
+    config: RelocalisationConfig,
+    usual_score: float = math.nan,
+    T_expected: Float[np.ndarray, "4 4"] | None = None,
+    num_frames: int = 0,
 ) -> Hypothesis | None:
     """The hypothesis that enough frames confirm while no other is nearly as good, if there is one.
+
+    Buildings have rooms that look alike, and a robot is lost more often than it is carried away: places that odometry
+    cannot explain are believed, and compete with others, only when no nearer one was for long.
 
     Args:
         hypotheses: All places where the camera may be.
         config: What is enough.
         usual_score: What frames scored while the camera was tracked; NaN = nobody knows.
+        T_expected: Where the camera would be, had it not been lost; None = nobody knows.
+        num_frames: Frames since it was lost.
     """
+    if T_expected is None or num_frames >= config.carried_frames:
+        return _leading(hypotheses, config, usual_score)
+    near = [each for each in hypotheses if _apart_m(each.T_world_camera, T_expected) <= config.carried_m]
+    return _leading(near, config, usual_score)
+
+
+def _apart_m(one: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> float:
+    return math.dist(one[:3, 3], other[:3, 3])
+
+
+def _leading(hypotheses: Sequence[Hypothesis], config: RelocalisationConfig, usual_score: float) -> Hypothesis | None:
     if not hypotheses:
         return None
     best, *others = sorted(hypotheses, key=lambda each: -each.sobered)

@@ -52,13 +52,21 @@ class Relocaliser:
         self.hypotheses: list[Hypothesis] = []
         self._past: list[_PastFrame] = []
         """The last frames that were looked at, the present one included."""
+        self._T_expected: Float[np.ndarray, "4 4"] | None = None
+        """Where odometry alone has the camera now; None = nobody knows."""
+        self._num_frames = 0
+        """Frames that were looked at since the camera was lost."""
         self._grids: dict[int, DistanceGrid] = {}
         """By the camera's height, in steps of ``_HEIGHT_M``."""
 
-    def restart(self) -> None:
-        """Forget all hypotheses, and the map's distances."""
-        self.hypotheses = []
+    def restart(self, T_expected: Float[np.ndarray, "4 4"] | None = None) -> None:
+        """Forget all hypotheses, and the map's distances. ``T_expected`` is where the camera would be, had it not been
+        lost; None = nobody knows.
+        """
+        self.hypotheses = [] if T_expected is None else [Hypothesis(T_expected, expected=True)]
+        self._T_expected = T_expected
         self._past = []
+        self._num_frames = 0
         self._grids = {}
 
     def move(self, T_last_now: Float[np.ndarray, "4 4"]) -> None:
@@ -67,6 +75,8 @@ class Relocaliser:
             hypothesis.T_world_camera = hypothesis.T_world_camera @ T_last_now
         for past in self._past:
             past.T_then_now = past.T_then_now @ T_last_now
+        if self._T_expected is not None:
+            self._T_expected = self._T_expected @ T_last_now
 
     def look(
         self,
@@ -102,8 +112,9 @@ class Relocaliser:
                 if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
                     self.hypotheses.append(fresh)
         self._prune()
+        self._num_frames += 1
         self._past = [*self._past, _PastFrame(points)][-_PAST_FRAMES:]
-        believed = believable(self.hypotheses, config, usual_score)
+        believed = believable(self.hypotheses, config, usual_score, self._T_expected, self._num_frames)
         # Without odometry nobody knows where a camera in the hand was before.
         while believed is not None and not is_free:
             missed = self._past[: -believed.num_frames]
@@ -114,7 +125,7 @@ class Relocaliser:
                 found = register(self._problem(past.points, T_then, basis, probe))
                 believed.score += self._score(past.points, found, probe)
             believed.num_frames += len(missed)
-            believed = believable(self.hypotheses, config, usual_score)
+            believed = believable(self.hypotheses, config, usual_score, self._T_expected, self._num_frames)
         if believed is not None and self._is_local(believed, points, basis, probe):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
@@ -178,8 +189,9 @@ class Relocaliser:
         return frame_score(fits, found, self.config.relocalisation)
 
     def _prune(self) -> None:
-        """Keep the best, one of each place."""
-        kept: list[Hypothesis] = []
+        """Keep the best, one of each place, and the one where odometry has the camera."""
+        # A few frames before a part of the map that is wrong say nothing about the others.
+        kept = [each for each in self.hypotheses if each.expected]
         for hypothesis in sorted(self.hypotheses, key=lambda each: -each.sobered):
             if hypothesis.mean < self.config.relocalisation.least_score / 2.0:
                 break

@@ -154,6 +154,19 @@ def test_logs_that_contradict_each_other_are_said(run_folder, caplog, name, chan
     assert [said in record.message for record in caplog.records] == ([] if said is None else [True])
 
 
+def test_a_robot_that_was_lost_may_be_found_anywhere(run_folder, caplog):
+    lost = {"state": "LOST", "usable": False, "relocalised": False, "closes_loop": False}
+
+    def lose(lines):
+        true = {name: lines[1][name] for name in ("x_m", "y_m", "yaw_rad", "T_world_camera")}
+        found = [{**put_away(json.loads(json.dumps(line))), "true": true} for line in lines[1:]]
+        return [{**lines[0], "localisation": lost}, *found]
+
+    edit(run_folder / "frames.jsonl", lose)
+    read_run(run_folder)
+    assert not caplog.records
+
+
 def test_a_frame_is_missing(run_folder):
     edit(run_folder / "frames.jsonl", lambda lines: [lines[0], lines[2]])
     with pytest.raises(RunFolderError, match=r"step 2 in frames\.jsonl stands after step 0"):
