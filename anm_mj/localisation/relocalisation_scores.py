@@ -56,7 +56,8 @@ def believable(
     """The hypothesis that enough frames confirm while no other is nearly as good, if there is one.
 
     Buildings have rooms that look alike, and a robot is lost more often than it is carried away: places that odometry
-    cannot explain are believed, and compete with others, only when no nearer one was for long.
+    cannot explain are believed only when no nearer one was for long, and until then do not compete with the one where
+    odometry has the camera.
 
     Args:
         hypotheses: All places where the camera may be.
@@ -65,25 +66,20 @@ def believable(
         T_expected: Where the camera would be, had it not been lost; None = nobody knows.
         num_frames: Frames since it was lost.
     """
-    if T_expected is None or num_frames >= config.carried_frames:
-        return _leading(hypotheses, config, usual_score)
-    near = [each for each in hypotheses if _apart_m(each.T_world_camera, T_expected) <= config.carried_m]
-    return _leading(near, config, usual_score)
-
-
-def _apart_m(one: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> float:
-    return math.dist(one[:3, 3], other[:3, 3])
-
-
-def _leading(hypotheses: Sequence[Hypothesis], config: RelocalisationConfig, usual_score: float) -> Hypothesis | None:
-    if not hypotheses:
+    near = hypotheses
+    if T_expected is not None and num_frames < config.carried_frames:
+        near = [
+            each for each in hypotheses if math.dist(each.T_world_camera[:3, 3], T_expected[:3, 3]) <= config.carried_m
+        ]
+    if not near:
         return None
-    best, *others = sorted(hypotheses, key=lambda each: -each.sobered)
+    best = max(near, key=lambda each: each.sobered)
     least = config.least(usual_score) * (config.expected_share if best.expected else 1.0)
     if best.num_frames < config.frames or best.mean < least:
         return None
     leads = (
         (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)
-        for other in others
+        for other in (near if best.expected else hypotheses)
+        if other is not best
     )
     return best if min(leads, default=math.inf) >= config.least_lead else None

@@ -21,8 +21,10 @@ SQUARE_M = 0.05
 """Edge of the squares in which looks are counted [m]."""
 LOOKS = 10
 """So many views that measured nothing make a square one without a floor, if fewer measured something."""
+FLOOR_LOOKS = 4
+"""A view that measured the floor itself counts as so many: what is dark hides it from one side for long."""
 FLOOR_M = 0.1
-"""A floor lies no farther below z = 0 than this [m]."""
+"""A floor lies no farther from z = 0 than this [m]."""
 NEAREST_M, FARTHEST_M = 0.6, 3.0
 """Every depth camera measures between these depths [m]."""
 LEAST_SLOPE = math.tan(math.radians(20.0))
@@ -70,17 +72,21 @@ class MissingFloor:
         # A camera that says what is beyond its range shows missing floor by what it sees through it.
         if not 0.0 < lost < MOST_LOST:
             return _NOTHING
-        places_m, is_lost = _looked_at(depth_m, intrinsics, T_world_camera, range_m)
+        places_m, is_lost, is_floor = _looked_at(depth_m, intrinsics, T_world_camera, range_m)
         if not len(places_m):
             return _NOTHING
         squares = np.floor(places_m[:, ::-1] / self.square_m).astype(np.int64)
         low, high = squares.min(axis=0), squares.max(axis=0) + 1
         self._grow(low, high)
         window = clamp(low - self._corner, high - self._corner, self._lost.shape)
-        for count, part in ((self._lost, squares[is_lost]), (self._told, squares[~is_lost])):
+        for count, part, weight in (
+            (self._lost, is_lost, 1),
+            (self._told, ~is_lost, 1),
+            (self._told, is_floor, FLOOR_LOOKS - 1),
+        ):
             # Several pixels of a view in one square are one look.
-            once = np.zeros(tuple(high - low), bool)
-            once[tuple((part - low).T)] = True
+            once = np.zeros(tuple(high - low), np.int32)
+            once[tuple((squares[part] - low).T)] = weight
             count[window] += once
         return self._decide(window)
 
@@ -140,8 +146,8 @@ def _looked_at(
     intrinsics: Intrinsics,
     T_world_camera: Float[np.ndarray, "4 4"],
     range_m: float,
-) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Where on the floor pixels look [m], and which of these are lost."""
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Where on the floor pixels look [m], which of these are lost, and which show it."""
     k, T = intrinsics, T_world_camera
     stride = max(1, round(k.fx / _FOCAL_PX))
     depth_m = depth_m[::stride, ::stride]
@@ -153,4 +159,6 @@ def _looked_at(
     shown = (down >= LEAST_SLOPE * away) & (height_m > down * NEAREST_M) & (height_m < down * farthest_m)
     to_floor_m = height_m / down[shown]
     places_m = np.stack([T[0, 3] + x[shown] * to_floor_m, T[1, 3] + y[shown] * to_floor_m], axis=1)
-    return places_m, np.isnan(depth_m[shown])
+    shown_m = depth_m[shown]
+    # Comparisons with NaN are false.
+    return places_m, np.isnan(shown_m), np.abs(height_m - down[shown] * shown_m) < FLOOR_M

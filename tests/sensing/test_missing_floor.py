@@ -85,6 +85,14 @@ def test_floor_that_is_measured_more_often_than_not_is_there():
     assert not cells(floor)
 
 
+def test_a_few_views_of_the_floor_outweigh_many_that_a_dark_thing_hid_it_from():
+    floor = looked(view(), 4 * LOOKS)
+    assert cells(floor)
+    for _ in range(LOOKS):
+        look(floor, view(hole=(4.3, 2.5, 4.4, 2.6)))
+    assert not cells(floor)
+
+
 def test_floor_behind_a_thing_that_loses_pixels_at_its_edges_is_not_missing():
     lost_in = np.random.default_rng(0)
     floor = MissingFloor()
