@@ -292,7 +292,7 @@ class FieldLocaliser:
         if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
             # Perhaps only the frames were bad.
-            self._relocaliser.restart(prior.T_world_camera)
+            self._relocaliser.restart(prior.T_world_camera, has_odometry=self._odometry)
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)

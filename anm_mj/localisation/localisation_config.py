@@ -285,8 +285,9 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     """over at least so many frames."""
     carried_m: float = setting(3.0, at_least=0.0)
     """Places farther from where odometry has the camera [m]"""
-    carried_frames: int = setting(40, at_most=100_000)
-    """are believed from so many frames after it was lost on: a whole rotation, in which a nearer place may fit."""
+    carried_frames: int = setting(1000, at_most=100_000)
+    """are believed from so many frames after it was lost on; a robot gives up long before. For robots that people carry
+    about 40, a whole rotation in which a nearer place may fit."""
 
     def least(self, usual_score: float) -> float:
         """The score from which on a place is believed, where frames scored so much of late; NaN = nobody knows."""

@@ -56,8 +56,7 @@ def believable(
     """The hypothesis that enough frames confirm while no other is nearly as good, if there is one.
 
     Buildings have rooms that look alike, and a robot is lost more often than it is carried away: places that odometry
-    cannot explain are believed only when no nearer one was for long, and until then do not compete with the one where
-    odometry has the camera.
+    cannot explain are believed late, if ever, and until then do not compete with the one where odometry has the camera.
 
     Args:
         hypotheses: All places where the camera may be.

@@ -59,12 +59,15 @@ class Relocaliser:
         self._grids: dict[int, DistanceGrid] = {}
         """By the camera's height, in steps of ``_HEIGHT_M``."""
 
-    def restart(self, T_expected: Float[np.ndarray, "4 4"] | None = None) -> None:
-        """Forget all hypotheses, and the map's distances. ``T_expected`` is where the camera would be, had it not been
-        lost; None = nobody knows.
+    def restart(self, T_expected: Float[np.ndarray, "4 4"] | None = None, *, has_odometry: bool = False) -> None:
+        """Forget all hypotheses, and the map's distances.
+
+        Args:
+            T_expected: Where the camera would be, had it not been lost; None = nobody knows.
+            has_odometry: Whether odometry tells how it moves on from there; a camera in the hand may go anywhere.
         """
         self.hypotheses = [] if T_expected is None else [Hypothesis(T_expected, expected=True)]
-        self._T_expected = T_expected
+        self._T_expected = T_expected if has_odometry else None
         self._past = []
         self._num_frames = 0
         self._grids = {}

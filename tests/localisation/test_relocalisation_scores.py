@@ -55,7 +55,7 @@ def test_the_place_where_odometry_puts_the_camera_needs_less() -> None:
 
 
 @pytest.mark.parametrize("expected_score", [0.1, 0.6])
-def test_a_room_that_looks_alike_far_away_waits_for_a_whole_rotation(expected_score: float) -> None:
+def test_a_room_that_looks_alike_far_away_is_believed_late(expected_score: float) -> None:
     here, twin = place(0.3, expected_score, 20), place(11.0, 0.78, 20)
     here.expected = True
 
