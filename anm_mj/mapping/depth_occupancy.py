@@ -157,8 +157,9 @@ class DepthOccupancy:
             self._kernels.free_left(self.voxels, heavy, self._moved.heights, self._num_frames)
             self._moved.free_left(self.voxels, self._num_frames)
         self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
-        # No ray went through them; a hit fills them again, as if one had.
-        self.voxels.free(no_floor, -self.config.miss, self._num_frames)
+        if len(no_floor):
+            # No ray went through them; a hit fills them again, as if one had.
+            self.voxels.free(no_floor, -self.config.miss, self._num_frames)
 
     def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
         """See :class:`anm_mj.protocols.FindsMoved`."""

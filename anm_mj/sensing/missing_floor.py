@@ -116,6 +116,8 @@ class MissingFloor:
             squares_xy_m: centres of the squares [m].
             voxel_m: edge of a voxel, whose centres lie at multiples of it [m].
         """
+        if not len(squares_xy_m):
+            return np.zeros((0, 3), np.int64)
         # A square may lie on the border of two voxels.
         parts = math.floor(self.square_m / voxel_m) + 1
         offset_m = ((np.arange(parts) + 0.5) / parts - 0.5) * self.square_m
