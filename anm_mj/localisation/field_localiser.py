@@ -12,23 +12,24 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import MapError
-from anm_mj.frames import pose_matrix, wrap_angle
+from anm_mj.localisation.base_of_camera import BaseOfCamera
 from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.fit_history import FitHistory
 from anm_mj.localisation.frame_points import draw_points, without_moved
-from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
+from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
 from anm_mj.localisation.headings import Headings
+from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
 from anm_mj.localisation.map_probe import MapProbe
-from anm_mj.localisation.motion import MotionNoise, moved_at_constant_velocity, moved_by_odometry
+from anm_mj.localisation.motion import MotionModel
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import is_jump, registered
-from anm_mj.localisation.relocalisation_scores import frame_score
 from anm_mj.localisation.relocaliser import Relocaliser, possible_tilts
 from anm_mj.localisation.training_pace import TrainingPace
+from anm_mj.localisation.verdict import Verdict, judged
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2
 
@@ -51,7 +52,7 @@ class FieldLocaliser:
     The first frame's pose is taken as it comes: it defines the world.
     """
 
-    REBUILT = ("_map", "_probe", "_base_pose", "_compared")
+    REBUILT = ("_map", "_probe", "_compared")
 
     def __init__(
         self,
@@ -91,16 +92,14 @@ class FieldLocaliser:
         self._seed = seed
         self._basis = PLANAR if planar else FREE
         self._odometry = odometry
-        self._base_pose = base_pose
-        self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
+        self._base = BaseOfCamera(base_pose)
         self._tilts = tuple(tilts)
         self._num_frames = 0
         self._pace = TrainingPace(config.tracking)
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._history = FitHistory()
-        self._motion_noise = MotionNoise(config.motion)
-        self._scale = self._motion_noise.scale
+        self._motion = MotionModel(config.motion, self._basis, has_odometry=odometry)
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
         self._key_images = KeyImages(config.key_images)
@@ -112,9 +111,10 @@ class FieldLocaliser:
         """The last frame, for a comparison with earlier ones; needed until it is integrated."""
         self._is_chained = False
         """Whether the motion since the last keyframe is known."""
+        self._image_odometry = ImageOdometry(config)
+        self._is_followed = True
+        """Whether images show the motion of each frame since the last one that fitted."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
-        self._T_odometry: Float[np.ndarray, "4 4"] | None = None
-        self._T_last_now = np.eye(4)
         self._far: _Place | None = None
         """Of the last frame, where only its distance from the prior spoke against it."""
         self._covariance = np.eye(self._basis.shape[1]) * _FIRST_DEVIATION**2
@@ -129,8 +129,6 @@ class FieldLocaliser:
         self._num_frames += 1
         self._compared = self._headings = None
         far, self._far = self._far, None
-        if self._T_camera_base is None:
-            self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
             first = Prior(observation.T_world_camera, self._covariance, self._basis)
@@ -146,12 +144,13 @@ class FieldLocaliser:
             static_view = without_moved(observation, self._map, prior.T_world_camera, prior.deviations)
         points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
-            return self._predicted(observation, prior, None, misfit=False)
+            self._is_followed = False
+            return self._predicted(observation, prior, None, None, misfit=False)
+        image = key_image(observation, self.config.key_images.longest_px, noise)
         if lost:
-            return self._look_for(observation, prior, points)
+            return self._look_for(observation, prior, points, image, rng)
         prior = self._compass.look(static_view, prior, self._probe.noise_of(static_view))
         self._headings = prior.headings
-        image = key_image(observation, self.config.key_images.longest_px, noise)
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
         problem = RegistrationProblem(points, prior, self._probe, settings, extra)
@@ -163,27 +162,31 @@ class FieldLocaliser:
             again = register(replace(problem, prior=follows), found.T_world_camera)
             confirmed = not is_jump(follows, again, settings)
             prior, found = (follows, again) if confirmed else (prior, found)
-        fits = self._probe.agreement(points, found.T_world_camera)
-        tracking = self.config.tracking
-        misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
-        misfit |= found.known >= tracking.least_known and found.inliers < tracking.least_inliers
-        score = frame_score(fits, found, self.config.relocalisation)
         # After a push a frame may fit where the camera is not.
-        doubtful = confirmed or self._misfits >= tracking.doubt_frames
-        misfit |= doubtful and score < self.config.relocalisation.least(self._history.recent_score)
-        if is_jump(prior, found, settings):
-            self._far = None if misfit else (found.T_world_camera, found.covariance)
-            misfit = True
-        if misfit or found.known < tracking.least_known:
-            return self._predicted(observation, prior, found, misfit=misfit)
-        self._misfits = 0
+        doubtful = confirmed or self._misfits >= self.config.tracking.doubt_frames
+        usual = self.config.relocalisation.least(self._history.recent_score)
+        verdict, score = judged(points, prior, found, self._probe, self.config, usual if doubtful else 0.0)
+        self._far = (found.T_world_camera, found.covariance) if verdict is Verdict.JUMPS else None
+        expected = prior
+        followed = None
+        if verdict is not Verdict.FITS and compared is not None:
+            followed = self._image_odometry.follow(compared, prior, doubtful=verdict is not Verdict.UNKNOWN)
+        if followed is not None:
+            # Odometry was wrong, or the map is; images know nothing of either.
+            prior, self._far = followed, None
+            if verdict is not Verdict.UNKNOWN:
+                found = register(replace(problem, prior=prior))
+                verdict, score = judged(points, prior, found, self._probe, self.config, usual)
+        if verdict is not Verdict.FITS:
+            self._is_followed &= followed is not None
+            return self._predicted(observation, prior, found, image, misfit=verdict is not Verdict.UNKNOWN)
+        self._misfits, self._is_followed, self._far = 0, True, None
         self._history.add(found.mean_cost, score)
-        self._motion_noise.add(prior, found.T_world_camera, self._scale)
+        self._motion.learn(expected, found.T_world_camera)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
         self._compass.learn(found.T_world_camera, largest_deviations(estimate.covariance)[1])
-        T_world_camera = estimate.observation.T_world_camera
-        self._key_images.see(replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance))
+        self._see(image, estimate)
         return estimate
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
@@ -231,71 +234,86 @@ class FieldLocaliser:
         return correction.closed
 
     def _compare(
-        self,
-        static_view: Observation,
-        image: KeyImage,
-        points: FramePoints,
-        prior: Prior,
-        rng: np.random.Generator,
+        self, static_view: Observation, image: KeyImage, points: FramePoints, prior: Prior, rng: np.random.Generator
     ) -> FrameToImages | None:
         """Compares a frame with earlier ones that overlap it; None where no image is needed."""
-        config = self.config.key_images
         T, slack_m = prior.T_world_camera, prior.deviations[0]
-        images = self._key_images.overlapping(points, T, slack_m) if config.num_images else []
+        images = self._key_images.overlapping(points, T, slack_m) if self.config.key_images.num_images else []
         self._key_images.refer_to(images, T)
         if not images and not self.config.graph.is_on:
             return None
-        noise = self._probe.noise_per_m
-        image_points = draw_points(static_view, config.num_points, noise, self.config.registration.range_m, rng)
-        depth_share = min(1.0, len(points) / max(1, len(image_points)))
-        return FrameToImages(
-            self._key_images, images, image_points, coarse_gray_at(image, image_points), noise, depth_share
-        )
+        return self._compared_with(images, static_view, image, len(points), rng)
 
-    def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
+    def _compared_with(
+        self, images: list[KeyImage], view: Observation, image: KeyImage, count: int, rng: np.random.Generator
+    ) -> FrameToImages:
+        noise = self._probe.noise_per_m
+        return compared_with(images, view, image, count, self._key_images, self.config, noise, rng)
+
+    def _look_for(
+        self, observation: Observation, prior: Prior, points: FramePoints, image: KeyImage, rng: np.random.Generator
+    ) -> PoseEstimate:
         """Look for a lost camera in the whole map."""
+        compared = self._compared_with([], observation, image, len(points), rng)
+        followed = self._image_odometry.follow(compared, prior, doubtful=True)
+        self._is_followed &= followed is not None
+        prior = followed or prior
         finder = self._relocaliser
         if self._T_world_camera is not None:
-            finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
+            finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=self._is_followed)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
         tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
         believed = finder.look(points, tilts, self._basis, self._probe, self._history.usual_score)
         if believed is None or believed.found is None:
-            return self._predicted(observation, prior, None, misfit=False)
+            return self._predicted(observation, prior, None, image, misfit=False)
         finder.restart()
-        self._state, self._misfits = TrackingState.TRACKING, 0
+        self._state, self._misfits, self._is_followed = TrackingState.TRACKING, 0, True
         self._covariance = believed.found.covariance
         self._key_images.refer_to([], believed.T_world_camera)
-        found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
-        # The jump from where it was believed to be is no motion.
-        self._T_last_now = np.eye(4)
         self._is_chained = False
-        return replace(found, relocalised=True)
+        usable = self._is_sure()
+        found = self._estimate(observation, believed.T_world_camera, believed.found, usable=usable, relocalised=True)
+        self._see(image, found)
+        return found
 
     def _prior(self, observation: Observation, before: _Place | None = None) -> Prior:
         """Of the next frame, from the last one's place, or another that it may have had."""
+        T_now = observation.T_world_camera
         if self._T_world_camera is None:
-            return Prior(observation.T_world_camera, self._covariance, self._basis)
-        self._scale = self._motion_noise.scale
-        before = before or (self._T_world_camera, self._covariance)
-        if self._odometry and self._T_odometry is not None:
-            T_now = observation.T_world_camera
-            return moved_by_odometry(*before, self._basis, self._T_odometry, T_now, self.config.motion, self._scale)
-        return moved_at_constant_velocity(*before, self._basis, self._T_last_now, self.config.motion, self._scale)
+            return Prior(T_now, self._covariance, self._basis)
+        return self._motion.prior(*(before or (self._T_world_camera, self._covariance)), T_now)
 
     def _predicted(
-        self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool
+        self,
+        observation: Observation,
+        prior: Prior,
+        found: Registration | None,
+        image: KeyImage | None,
+        *,
+        misfit: bool,
     ) -> PoseEstimate:
         """The prior's pose, for a frame that tells nothing, or contradicts the map."""
-        self._key_images.forget_last()
         self._misfits = self._misfits + 1 if misfit else self._misfits
         if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
             # Perhaps only the frames were bad.
-            self._relocaliser.restart(prior.T_world_camera, has_odometry=self._odometry)
+            self._relocaliser.restart(prior.T_world_camera, has_odometry=self._odometry, followed=self._is_followed)
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
-        return self._estimate(observation, prior.T_world_camera, found, usable=usable)
+        estimate = self._estimate(observation, prior.T_world_camera, found, usable=usable)
+        self._see(image, estimate)
+        return estimate
+
+    def _see(self, image: KeyImage | None, estimate: PoseEstimate) -> None:
+        """Take a frame's image at its pose; None = it shows nothing."""
+        if image is not None:
+            T_world_camera = estimate.observation.T_world_camera
+            image = replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance)
+        self._image_odometry.see(image)
+        if image is None or not self._is_followed:
+            self._key_images.forget_last()
+        else:
+            self._key_images.see(image)
 
     @property
     def _deviations(self) -> tuple[float, float]:
@@ -314,27 +332,18 @@ class FieldLocaliser:
         found: Registration | None,
         *,
         usable: bool,
+        relocalised: bool = False,
     ) -> PoseEstimate:
-        if self._T_world_camera is not None:
-            self._T_last_now = np.linalg.inv(self._T_world_camera) @ T_world_camera
-        self._T_world_camera, self._T_odometry = T_world_camera, observation.T_world_camera
+        # The jump from where it was believed to be, before it was lost, is no motion.
+        before = T_world_camera if self._T_world_camera is None or relocalised else self._T_world_camera
+        self._motion.move(np.linalg.inv(before) @ T_world_camera, observation.T_world_camera)
+        self._T_world_camera = T_world_camera
         quality = RegistrationQuality(0.0, 0.0, math.nan, 0, self._basis.shape[1])
         if found is not None:
             quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
-        placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(observation, T_world_camera))
+        placed = replace(observation, T_world_camera=T_world_camera, pose=self._base.pose(observation, T_world_camera))
         position_m, rotation_rad = self._deviations
         told = replace(placed, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
         covariance = self._basis @ self._covariance @ self._basis.T + self._key_images.map_covariance(T_world_camera)
         usable = usable and self._state is TrackingState.TRACKING
-        return PoseEstimate(told, covariance, quality, self._state, usable)
-
-    def _base(self, observation: Observation, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
-        if self._base_pose is not None:
-            return self._base_pose(T_world_camera)
-        assert self._T_camera_base is not None
-        T_camera_base = self._T_camera_base
-        if observation.image_age_s:
-            # The base has moved since the image was taken, by what odometry says.
-            T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
-        base = T_world_camera @ T_camera_base
-        return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))
+        return PoseEstimate(told, covariance, quality, self._state, usable, relocalised)

@@ -6,9 +6,12 @@ import numpy as np
 from jaxtyping import Float, Float32
 from scipy import ndimage
 
+from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import COARSE, KeyImage, KeyImages, gray_values
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.types import Observation
 
 
 class FrameToImages:
@@ -79,6 +82,33 @@ class FrameToImages:
         gray = np.ascontiguousarray(self._coarse_gray[::step])
         points = self.points.every(step)
         return FrameToImages(self._kept, images, points, gray, self._noise_per_m, self._depth_share)
+
+
+def compared_with(
+    images: list[KeyImage],
+    view: Observation,
+    image: KeyImage,
+    num_registered: int,
+    kept: KeyImages,
+    config: LocalisationConfig,
+    noise_per_m: float,
+    rng: np.random.Generator,
+) -> FrameToImages:
+    """A frame, to be compared with images.
+
+    Args:
+        images: What it is compared with.
+        view: The frame.
+        image: Made of it.
+        num_registered: Points of it that are registered to the field; depth has the weight of as many.
+        kept: Compares points with an image.
+        config: Settings.
+        noise_per_m: Of the depth.
+        rng: Draws points.
+    """
+    points = draw_points(view, config.key_images.num_points, noise_per_m, config.registration.range_m, rng)
+    depth_share = min(1.0, num_registered / max(1, len(points)))
+    return FrameToImages(kept, images, points, coarse_gray_at(image, points), noise_per_m, depth_share)
 
 
 def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, " n"]:

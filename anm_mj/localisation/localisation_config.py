@@ -286,8 +286,8 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     carried_m: float = setting(3.0, at_least=0.0)
     """Places farther from where odometry has the camera [m]"""
     carried_frames: int = setting(1000, at_most=100_000)
-    """are believed from so many frames after it was lost on; a robot gives up long before. For robots that people carry
-    about 40, a whole rotation in which a nearer place may fit."""
+    """are believed from so many frames after it was lost on, unless images show its motion all along; a robot gives up
+    long before. For robots that people carry about 40, a whole rotation in which a nearer place may fit."""
 
     def least(self, usual_score: float) -> float:
         """The score from which on a place is believed, where frames scored so much of late; NaN = nobody knows."""

@@ -74,6 +74,47 @@ def moved_at_constant_velocity(
     return _moved(covariance, basis, T_world_camera, T, scale**2 * translation, scale**2 * rotation)
 
 
+class MotionModel:
+    """Expects where the next frame was taken: by odometry, or as if the motion before went on."""
+
+    def __init__(self, config: MotionConfig, basis: Float64[np.ndarray, "6 k"], *, has_odometry: bool) -> None:
+        """Before any frame; ``basis`` as of :class:`~.registration.Prior`."""
+        self._config, self._basis, self._has_odometry = config, basis, has_odometry
+        self._noise = MotionNoise(config)
+        self._scale = self._noise.scale
+        """As of the last prior."""
+        self._T_odometry: Float[np.ndarray, "4 4"] | None = None
+        """The camera's pose at the last frame as odometry has it."""
+        self._T_last_now = np.eye(4)
+
+    def prior(
+        self,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        covariance: Float64[np.ndarray, "k k"],
+        T_odometry: Float[np.ndarray, "4 4"],
+    ) -> Prior:
+        """Of the next frame.
+
+        Args:
+            T_world_camera: The camera's pose at the last frame.
+            covariance: Of it.
+            T_odometry: The camera's pose now as odometry has it, in a frame of its own.
+        """
+        self._scale = self._noise.scale
+        before = T_world_camera, covariance, self._basis
+        if self._has_odometry and self._T_odometry is not None:
+            return moved_by_odometry(*before, self._T_odometry, T_odometry, self._config, self._scale)
+        return moved_at_constant_velocity(*before, self._T_last_now, self._config, self._scale)
+
+    def learn(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
+        """Take in what a frame's pose says of its prior, which tells how noisy motions are."""
+        self._noise.add(prior, T_world_camera, self._scale)
+
+    def move(self, T_last_now: Float[np.ndarray, "4 4"], T_odometry: Float[np.ndarray, "4 4"]) -> None:
+        """Take in how the camera moved since the frame before, and where odometry has it."""
+        self._T_last_now, self._T_odometry = T_last_now, T_odometry
+
+
 class MotionNoise:
     """How much larger the errors of motions are than expected, by what registration corrects."""
 

@@ -51,22 +51,20 @@ def believable(
     config: RelocalisationConfig,
     usual_score: float = math.nan,
     T_expected: Float[np.ndarray, "4 4"] | None = None,
-    num_frames: int = 0,
 ) -> Hypothesis | None:
     """The hypothesis that enough frames confirm while no other is nearly as good, if there is one.
 
     Buildings have rooms that look alike, and a robot is lost more often than it is carried away: places that odometry
-    cannot explain are believed late, if ever, and until then do not compete with the one where odometry has the camera.
+    cannot explain do not compete with the one where odometry has the camera.
 
     Args:
         hypotheses: All places where the camera may be.
         config: What is enough.
         usual_score: What frames scored while the camera was tracked; NaN = nobody knows.
-        T_expected: Where the camera would be, had it not been lost; None = nobody knows.
-        num_frames: Frames since it was lost.
+        T_expected: Where the camera would be, had it not been lost; None = nobody knows, or it may have been carried.
     """
     near = hypotheses
-    if T_expected is not None and num_frames < config.carried_frames:
+    if T_expected is not None:
         near = [
             each for each in hypotheses if math.dist(each.T_world_camera[:3, 3], T_expected[:3, 3]) <= config.carried_m
         ]

@@ -53,33 +53,53 @@ class Relocaliser:
         self._past: list[_PastFrame] = []
         """The last frames that were looked at, the present one included."""
         self._T_expected: Float[np.ndarray, "4 4"] | None = None
-        """Where odometry alone has the camera now; None = nobody knows."""
+        """Where odometry, or images, alone have the camera now; None = nobody knows."""
+        self._has_odometry = False
+        self._is_followed = False
+        """Whether images show each motion since before the camera was lost."""
         self._num_frames = 0
         """Frames that were looked at since the camera was lost."""
         self._grids: dict[int, DistanceGrid] = {}
         """By the camera's height, in steps of ``_HEIGHT_M``."""
 
-    def restart(self, T_expected: Float[np.ndarray, "4 4"] | None = None, *, has_odometry: bool = False) -> None:
+    def restart(
+        self,
+        T_expected: Float[np.ndarray, "4 4"] | None = None,
+        *,
+        has_odometry: bool = False,
+        followed: bool = False,
+    ) -> None:
         """Forget all hypotheses, and the map's distances.
 
         Args:
             T_expected: Where the camera would be, had it not been lost; None = nobody knows.
-            has_odometry: Whether odometry tells how it moves on from there; a camera in the hand may go anywhere.
+            has_odometry: Whether odometry tells how it moves on from there; a camera in the hand may go anywhere,
+            followed: unless images show each motion since it was not lost.
         """
         self.hypotheses = [] if T_expected is None else [Hypothesis(T_expected, expected=True)]
-        self._T_expected = T_expected if has_odometry else None
+        self._T_expected = T_expected if has_odometry or followed else None
+        self._has_odometry, self._is_followed = has_odometry, followed
         self._past = []
         self._num_frames = 0
         self._grids = {}
 
-    def move(self, T_last_now: Float[np.ndarray, "4 4"]) -> None:
-        """Move all hypotheses by a motion in the camera's axes."""
+    def move(self, T_last_now: Float[np.ndarray, "4 4"], *, followed: bool) -> None:
+        """Move all hypotheses by a motion in the camera's axes; ``followed`` as of :meth:`restart`."""
+        self._is_followed = followed
+        if not (followed or self._has_odometry):
+            self._T_expected = None
         for hypothesis in self.hypotheses:
             hypothesis.T_world_camera = hypothesis.T_world_camera @ T_last_now
         for past in self._past:
             past.T_then_now = past.T_then_now @ T_last_now
         if self._T_expected is not None:
             self._T_expected = self._T_expected @ T_last_now
+
+    @property
+    def T_expected(self) -> Float[np.ndarray, "4 4"] | None:
+        """Where the camera is, had nobody carried it; None = nobody knows, or it may have been carried."""
+        may_be_carried = not self._is_followed and self._num_frames >= self.config.relocalisation.carried_frames
+        return None if may_be_carried else self._T_expected
 
     def look(
         self,
@@ -117,7 +137,8 @@ class Relocaliser:
         self._prune()
         self._num_frames += 1
         self._past = [*self._past, _PastFrame(points)][-_PAST_FRAMES:]
-        believed = believable(self.hypotheses, config, usual_score, self._T_expected, self._num_frames)
+        T_expected = self.T_expected
+        believed = believable(self.hypotheses, config, usual_score, T_expected)
         # Without odometry nobody knows where a camera in the hand was before.
         while believed is not None and not is_free:
             missed = self._past[: -believed.num_frames]
@@ -128,7 +149,7 @@ class Relocaliser:
                 found = register(self._problem(past.points, T_then, basis, probe))
                 believed.score += self._score(past.points, found, probe)
             believed.num_frames += len(missed)
-            believed = believable(self.hypotheses, config, usual_score, self._T_expected, self._num_frames)
+            believed = believable(self.hypotheses, config, usual_score, T_expected)
         if believed is not None and self._is_local(believed, points, basis, probe):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
