@@ -113,7 +113,7 @@ class FieldLocaliser:
         """Whether the motion since the last keyframe is known."""
         self._image_odometry = ImageOdometry(config)
         self._is_followed = True
-        """Whether images show the motion of each frame since the last one that fitted."""
+        """Whether images show all motion since frames fitted."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._far: _Place | None = None
         """Of the last frame, where only its distance from the prior spoke against it."""
@@ -145,6 +145,8 @@ class FieldLocaliser:
         points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             self._is_followed = False
+            if lost and self._T_world_camera is not None:
+                self._relocaliser.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=False)
             return self._predicted(observation, prior, None, None, misfit=False)
         image = key_image(observation, self.config.key_images.longest_px, noise)
         if lost:
@@ -153,9 +155,8 @@ class FieldLocaliser:
         self._headings = prior.headings
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
-        problem = RegistrationProblem(points, prior, self._probe, settings, extra)
-        found = registered(problem, self._history.costs, rng)
-        confirmed = False
+        problem, by_odometry = RegistrationProblem(points, prior, self._probe, settings, extra), prior
+        found, confirmed = registered(problem, self._history.costs, rng), False
         if far is not None and is_jump(prior, found, settings):
             # Perhaps it was odometry that jumped, and two frames in a row say so.
             follows = replace(self._prior(observation, far), headings=prior.headings)
@@ -166,21 +167,23 @@ class FieldLocaliser:
         doubtful = confirmed or self._misfits >= self.config.tracking.doubt_frames
         usual = self.config.relocalisation.least(self._history.recent_score)
         verdict, score = judged(points, prior, found, self._probe, self.config, usual if doubtful else 0.0)
-        self._far = (found.T_world_camera, found.covariance) if verdict is Verdict.JUMPS else None
-        expected = prior
-        followed = None
+        expected, followed = prior, None
         if verdict is not Verdict.FITS and compared is not None:
-            followed = self._image_odometry.follow(compared, prior, doubtful=verdict is not Verdict.UNKNOWN)
+            followed = self._image_odometry.follow(compared, by_odometry, doubtful=verdict is not Verdict.UNKNOWN)
         if followed is not None:
             # Odometry was wrong, or the map is; images know nothing of either.
-            prior, self._far = followed, None
+            prior = followed
             if verdict is not Verdict.UNKNOWN:
-                found = register(replace(problem, prior=prior))
-                verdict, score = judged(points, prior, found, self._probe, self.config, usual)
+                # With odometry's covariance: that image has its say in the registration, and none twice.
+                there = replace(by_odometry, T_world_camera=followed.T_world_camera)
+                found = register(replace(problem, prior=there))
+                verdict, score = judged(points, there, found, self._probe, self.config, usual)
+        self._far = (found.T_world_camera, found.covariance) if verdict is Verdict.JUMPS else None
         if verdict is not Verdict.FITS:
             self._is_followed &= followed is not None
             return self._predicted(observation, prior, found, image, misfit=verdict is not Verdict.UNKNOWN)
-        self._misfits, self._is_followed, self._far = 0, True, None
+        self._misfits = 0
+        self._is_followed |= score >= usual
         self._history.add(found.mean_cost, score)
         self._motion.learn(expected, found.T_world_camera)
         self._covariance = found.covariance
@@ -193,8 +196,10 @@ class FieldLocaliser:
         """Take a usable frame into the map; see the protocol."""
         effort = self._pace.next(estimate.quality.known)
         if effort.is_keyframe:
-            seen = estimate.observation
-            self._key_images.add(seen, self._probe.noise_of(seen), estimate.covariance)
+            noise = self._probe.noise_of(estimate.observation)
+            self._key_images.add(estimate.observation, noise, estimate.covariance)
+            # Corrections move it.
+            self._image_odometry.see(self._key_images.images[-1])
         update = self._map.integrate(estimate.observation, effort)
         return replace(update, closes_loop=effort.is_keyframe and self._correct(estimate.observation))
 
@@ -242,20 +247,16 @@ class FieldLocaliser:
         self._key_images.refer_to(images, T)
         if not images and not self.config.graph.is_on:
             return None
-        return self._compared_with(images, static_view, image, len(points), rng)
-
-    def _compared_with(
-        self, images: list[KeyImage], view: Observation, image: KeyImage, count: int, rng: np.random.Generator
-    ) -> FrameToImages:
-        noise = self._probe.noise_per_m
-        return compared_with(images, view, image, count, self._key_images, self.config, noise, rng)
+        noise, kept = self._probe.noise_per_m, self._key_images
+        return compared_with(images, static_view, image, len(points), kept, self.config, noise, rng)
 
     def _look_for(
         self, observation: Observation, prior: Prior, points: FramePoints, image: KeyImage, rng: np.random.Generator
     ) -> PoseEstimate:
         """Look for a lost camera in the whole map."""
-        compared = self._compared_with([], observation, image, len(points), rng)
-        followed = self._image_odometry.follow(compared, prior, doubtful=True)
+        noise, kept = self._probe.noise_per_m, self._key_images
+        alone = compared_with([], observation, image, len(points), kept, self.config, noise, rng)
+        followed = self._image_odometry.follow(alone, prior, doubtful=True)
         self._is_followed &= followed is not None
         prior = followed or prior
         finder = self._relocaliser

@@ -18,7 +18,9 @@ from anm_mj.mapping.alignment import FramePoints
 _SAME_M, _SAME_RAD = 0.01, 0.01
 """Searches that end so near to each other have found the same place."""
 _MOST_STEPS = 40
-"""Places on either side that a displacement is looked for at, at most."""
+"""Places on either side that a motion is looked for at, at most."""
+_MOST_TURN_RAD = 0.03
+"""Rotations are tried at most so far apart [rad]."""
 
 
 def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.random.Generator) -> Registration:
@@ -61,7 +63,7 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
         deviation = float(np.sqrt(prior.covariance[axis, axis]))
         if deviation < config.search_least_rad:
             continue
-        turns = np.linspace(-3.0, 3.0, 13) * deviation
+        turns = np.linspace(-3.0, 3.0, 2 * _steps(3.0 * deviation) + 1) * deviation
         if headings is not None:
             # Headings are sharper than the spacing.
             turns = np.concatenate((turns, headings.turns_rad))
@@ -71,6 +73,11 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
         costs[counts < 0.5 * counts.max()] = np.inf
         best = offsets[int(np.argmin(costs))]
     return moved_camera(prior.T_world_camera, prior.basis @ best)
+
+
+def _steps(reach_rad: float) -> int:
+    """Into how many a rotation is divided: pictures that are farther apart have nothing to follow."""
+    return min(max(6, math.ceil(reach_rad / _MOST_TURN_RAD)), _MOST_STEPS)
 
 
 def displacement_search(
