@@ -1,0 +1,74 @@
+"""The motion from one image to the next, in a room with a closed form."""
+
+import math
+
+import numpy as np
+import pytest
+
+from anm_mj.localisation.frame_to_images import compared_with
+from anm_mj.localisation.image_odometry import ImageOdometry
+from anm_mj.localisation.key_images import KeyImages, key_image
+from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.motion import moved_by_odometry
+from anm_mj.localisation.registration import PLANAR, Prior
+from anm_mj.localisation.se3 import camera_motion
+from anm_mj.types import Observation
+from tests.mapping.ray_room import Room
+
+CONFIG = LocalisationConfig()
+BEFORE = np.diag([0.02, 0.02, 0.01]) ** 2
+TURN = math.radians(10.0)
+
+
+def expected(before: Observation, after: Observation) -> Prior:
+    """By an odometry that measures the motion between two frames rightly if these state it rightly."""
+    poses = before.T_world_camera, BEFORE, PLANAR, before.T_world_camera, after.T_world_camera
+    return moved_by_odometry(*poses, CONFIG.motion)
+
+
+def followed(before: Observation, after: Observation, prior: Prior, *, doubtful: bool) -> Prior | None:
+    images = ImageOdometry(CONFIG)
+    images.see(key_image(before, CONFIG.key_images.longest_px))
+    kept, image = KeyImages(CONFIG.key_images), key_image(after, CONFIG.key_images.longest_px)
+    compared = compared_with([], after, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
+    return images.follow(compared, prior, doubtful=doubtful)
+
+
+@pytest.mark.parametrize("wrong_deg", [0.0, 3.0, 8.0, -8.0])
+def test_it_finds_a_turn_that_odometry_measured_wrong(room: Room, wrong_deg: float) -> None:
+    before, after = room.observe(1.5, 1.5, 0.3, size=96), room.observe(1.52, 1.5, 0.3 + TURN, size=96)
+    told = room.observe(1.5, 1.5, 0.3 + TURN + math.radians(wrong_deg), size=8)
+    prior = expected(before, told)
+    found = followed(before, after, prior, doubtful=True)
+    assert found is not None
+    off = camera_motion(after.T_world_camera, found.T_world_camera)
+    assert np.linalg.norm(off[:3]) < 0.01
+    assert abs(off[5]) < math.radians(0.3)
+    # The doubt about the last pose stays, that about the motion is hardly any.
+    assert found.motion_covariance is not None
+    assert found.motion_covariance[2, 2] < 0.2 * prior.motion_covariance[2, 2]
+    kept = prior.covariance - prior.motion_covariance
+    np.testing.assert_allclose(found.covariance - found.motion_covariance, kept, atol=1e-12)
+
+
+def test_without_doubt_it_stays_near_odometry(room: Room) -> None:
+    before, after = room.observe(1.5, 1.5, 0.3, size=96), room.observe(1.5, 1.5, 0.3 + TURN, size=96)
+    found = followed(before, after, expected(before, after), doubtful=False)
+    assert found is not None
+    assert abs(camera_motion(after.T_world_camera, found.T_world_camera)[5]) < math.radians(0.2)
+
+
+def test_images_of_other_places_show_no_motion(room: Room) -> None:
+    before, after = room.observe(1.5, 1.5, 0.0, size=96), room.observe(1.5, 1.5, math.pi, size=96)
+    assert followed(before, after, expected(before, before), doubtful=True) is None
+
+
+def test_before_any_frame_there_is_no_motion(room: Room) -> None:
+    frame = room.observe(1.5, 1.5, 0.0, size=96)
+    images, kept = ImageOdometry(CONFIG), KeyImages(CONFIG.key_images)
+    image = key_image(frame, CONFIG.key_images.longest_px)
+    compared = compared_with([], frame, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
+    assert images.follow(compared, expected(frame, frame), doubtful=True) is None
+    images.see(image)
+    first = Prior(frame.T_world_camera, BEFORE, PLANAR)
+    assert images.follow(compared, first, doubtful=True) is None
