@@ -19,6 +19,7 @@ from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
+from anm_mj.planning.topdown_mapper import COLLISION_CELLS
 from anm_mj.sensing.missing_floor import MissingFloor
 from anm_mj.sensing.pixel_state import measured_pixels
 from anm_mj.types import (
@@ -124,10 +125,15 @@ class ScanGrid:
         self.log_odds[struck] = np.minimum(np.nan_to_num(self.log_odds[struck]) + HIT, MOST)
 
     def block_ahead(self, pose: Pose2) -> None:
-        """Mark the end of a forward step as occupied, because the robot collided on it."""
+        """Mark a disc about the end of a forward step as occupied, because the robot collided on it: as large as in the
+        map of the other policies, since what it touched need not lie straight ahead.
+        """
         ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
         place = pose.xy_m + (self.footprint.radius_m + FORWARD_STEP_M) * ahead
-        self.log_odds[self._mask(place[None])] = MOST
+        steps = np.arange(-COLLISION_CELLS, COLLISION_CELLS + 1) * RESOLUTION_M
+        offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        within = np.hypot(*offsets.T) <= COLLISION_CELLS * RESOLUTION_M
+        self.log_odds[self._mask(place + offsets[within])] = MOST
 
     def topdown(self) -> TopDownMap:
         """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.frames import cell_to_world, pixel_directions, world_to_cell
+from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
@@ -100,12 +101,20 @@ def test_growing_keeps_what_is_known_where_it_is():
 
 
 def test_a_refused_step_puts_an_obstacle_before_the_robot():
-    grid = ScanGrid(FOOTPRINT, 10.0)
-    grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+    grid, pose = ScanGrid(FOOTPRINT, 10.0), Pose2(0.5, 0.2, 0.0)
+    for k in range(6):
+        grid.integrate(look(Pose2(0.0, 0.0, math.radians(60 * k))))
 
-    grid.block_ahead(Pose2(0.5, 0.2, 0.0))
+    def leads_to(x_m: float) -> bool:
+        routes = GridRoutes(grid.topdown(), pose, FOOTPRINT.radius_m, RESOLUTION_M / 2)
+        return math.isfinite(routes.cost_at(np.array([x_m, 0.2])))
 
+    assert leads_to(0.5 + 0.065)
+    grid.block_ahead(pose)
     assert state_at(grid, 0.5 + 0.18 + 0.065, 0.2) == OCCUPIED
+    # What it touched need not lie straight ahead: the same step leads nowhere now, but the robot can go back.
+    assert not leads_to(0.5 + 0.065)
+    assert leads_to(0.3)
 
 
 def test_clearance_is_measured_to_surfaces_and_not_to_cells():
