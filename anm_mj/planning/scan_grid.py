@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from skimage.draw import polygon
 
-from anm_mj.frames import pixel_directions, world_to_cell
+from anm_mj.frames import cell_to_world, pixel_directions, world_to_cell
 from anm_mj.planning.topdown_mapper import COLLISION_CELLS
 from anm_mj.sensing.missing_floor import MissingFloor
 from anm_mj.sensing.pixel_state import measured_pixels
@@ -130,10 +130,10 @@ class ScanGrid:
         """
         ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
         place = pose.xy_m + (self.footprint.radius_m + FORWARD_STEP_M) * ahead
-        steps = np.arange(-COLLISION_CELLS, COLLISION_CELLS + 1) * RESOLUTION_M
-        offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        within = np.hypot(*offsets.T) <= COLLISION_CELLS * RESOLUTION_M
-        self.log_odds[self._mask(place + offsets[within])] = MOST
+        cell = world_to_cell(place[None], self.origin_xy_m, RESOLUTION_M)
+        (centre,) = cell_to_world(cell, self.origin_xy_m, RESOLUTION_M)
+        # A little more, as rounding must not decide.
+        self.log_odds[self._disc(centre, (COLLISION_CELLS + 0.2) * RESOLUTION_M)] = MOST
 
     def topdown(self) -> TopDownMap:
         """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
@@ -226,10 +226,14 @@ class ScanGrid:
         return mask
 
     def _under(self, pose: Pose2) -> Bool[np.ndarray, "rows cols"]:
+        return self._disc(pose.xy_m, self.footprint.radius_m)
+
+    def _disc(self, xy_m: Float[np.ndarray, "2"], radius_m: float) -> Bool[np.ndarray, "rows cols"]:
+        """Cells whose centres are so near to a place."""
         rows, cols = np.ogrid[: self.log_odds.shape[0], : self.log_odds.shape[1]]
-        x = self.origin_xy_m[0] + (cols + 0.5) * RESOLUTION_M - pose.x_m
-        y = self.origin_xy_m[1] + (rows + 0.5) * RESOLUTION_M - pose.y_m
-        return x**2 + y**2 <= self.footprint.radius_m**2
+        x = self.origin_xy_m[0] + (cols + 0.5) * RESOLUTION_M - xy_m[0]
+        y = self.origin_xy_m[1] + (rows + 0.5) * RESOLUTION_M - xy_m[1]
+        return x**2 + y**2 <= radius_m**2
 
     def _grow(self, corners_xy_m: Float[np.ndarray, "2 2"]) -> None:
         """Enlarge the grid until it holds a box; cells keep their values."""
