@@ -3,10 +3,11 @@
 import math
 
 from anm_mj.control.path_follower import Follower
-from anm_mj.events import Stepped
+from anm_mj.events import Located, Stepped
 from anm_mj.loop_state import LoopState
+from anm_mj.planning.give_way import in_the_way
 from anm_mj.protocols import Anticipates, Robot
-from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, Twist
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Twist
 
 
 class AnticipatingRobot:
@@ -20,8 +21,6 @@ class AnticipatingRobot:
         self._ahead = robot if isinstance(robot, Anticipates) else None
         self._repeated: Action | None = None
         """The action that a decision would most likely repeat; None = no guess."""
-        self._coming: list[Action] = []
-        self._seen_at: Pose2 | None = None
 
     @property
     def footprint(self) -> Footprint:
@@ -39,32 +38,31 @@ class AnticipatingRobot:
         return self._robot.drive(twist, duration_s)
 
     def observe(self) -> Observation:
-        """The view from the present pose; the robot begins with the one after the next action."""
-        seen = self._robot.observe()
-        if self._ahead is not None and self._state.observation is not None:
-            self._seen_at = seen.pose
-            self._coming = self._coming_actions(seen.pose)
-            self._ahead.anticipate(*self._coming[:1])
-        return seen
+        """The view from the present pose."""
+        return self._robot.observe()
 
     def on_event(self, event: object) -> None:
-        """After a step, begin with one image more, which is drawn while the run records, decides and moves."""
-        if self._ahead is None or not isinstance(event, Stepped):
-            return
-        if event.observation.pose != self._seen_at:
-            self._coming = self._coming_actions(event.observation.pose)
-        self._ahead.anticipate(*self._coming)
+        """Begin with the next action before the run learns, and after the step with one more, which comes true while
+        the run records, decides and moves.
+        """
+        if self._ahead is not None and isinstance(event, Located | Stepped):
+            count = 1 if isinstance(event, Located) else 2
+            self._ahead.anticipate(*self._coming_actions(event.observation)[:count])
 
-    def _coming_actions(self, pose: Pose2) -> list[Action]:
-        """The next two actions from a pose, as far as they can be told.
+    def _coming_actions(self, seen: Observation) -> list[Action]:
+        """The next two actions after an observation, as far as they can be told.
 
         Where a path ends, a decision follows, and most begin with what the robot did last: to go on, or to turn on. A
         policy that gives single actions may want another one next. A pose that is not finite says nothing.
         """
+        pose = seen.pose
         if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
             return []
         follower: Follower = self._state.follower
         coming = follower.coming_actions(pose, 2)
         if len(coming) < 2 and self._repeated is not None and not follower.has_fixed_actions:
             coming.append(coming[-1] if coming else self._repeated)
+        waits_for = in_the_way(self._state.things.things, self.footprint, pose, seen.time_s)
+        if waits_for is not None and coming[:1] == [Action.MOVE_FORWARD]:
+            return [Action.WAIT]
         return coming

@@ -14,6 +14,13 @@ from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, StopReason
 
 
 @dataclass(frozen=True)
+class Located:
+    """The pose of an observation after an action is known; the map has not learnt from it yet."""
+
+    observation: Observation
+
+
+@dataclass(frozen=True)
 class Observed:
     """An observation was taken into the map; the first one comes before any action."""
 
@@ -69,7 +76,7 @@ class Ended:
     """The last one."""
 
 
-Event = Observed | Decided | Stepped | Ended
+Event = Located | Observed | Decided | Stepped | Ended
 
 
 @runtime_checkable

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Sequence
 
 from anm_mj.errors import PlanError
-from anm_mj.events import Decided, Ended, Event, Observed, Observer, Stepped
+from anm_mj.events import Decided, Ended, Event, Located, Observed, Observer, Stepped
 from anm_mj.localisation.localiser import Localiser
 from anm_mj.localisation.look_around import look_around
 from anm_mj.loop_stages import (
@@ -134,6 +134,7 @@ def explore(
         with watch.stage("map"):
             seen, estimate = find_moved(seen, estimate, mapper)
         state.things.update(seen)
+        interrupted |= tell(Located(seen))
         update = learn(seen, estimate, localiser, mapper, policy, watch)
         state.total.add(watch)
         state.step, state.plan, state.observation, state.map_failed = step, plan, seen, update is None

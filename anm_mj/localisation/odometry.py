@@ -1,5 +1,8 @@
 """Wheel odometry: the pose that a robot infers from its wheel encoders, without a map."""
 
+from __future__ import annotations
+
+import copy
 import math
 
 import numpy as np
@@ -39,6 +42,12 @@ class Odometer:
     def pose(self) -> Pose2:
         """The estimated pose."""
         return self._pose
+
+    def copied(self) -> Odometer:
+        """The same readings and the same noise to come, to go on by itself."""
+        other = copy.copy(self)
+        other._generator = copy.deepcopy(self._generator)
+        return other
 
     def reseed(self, seed: int) -> None:
         """Begin the noise of a seed."""

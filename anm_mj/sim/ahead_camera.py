@@ -33,9 +33,12 @@ _READ = (
 """What images are made of."""
 
 
+_Image = tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]
+
+
 class _Begun(NamedTuple):
     data: mujoco.MjData
-    image: Future[tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]]
+    image: Future[_Image]
 
 
 class AheadCamera(Camera):
@@ -61,13 +64,21 @@ class AheadCamera(Camera):
         """Images that were begun and neither given out nor given up."""
         return len(self._begun)
 
-    def begin(self, data: mujoco.MjData) -> None:
+    def begin(
+        self,
+        data: mujoco.MjData,
+        prepare: Callable[[], object] = lambda: None,
+        finish: Callable[[_Image], object] = lambda _: None,
+    ) -> None:
         """Begin the image after those that were begun, and return at once.
 
-        ``data`` has all poses up to date, and must not change before the image is given out or given up.
+        Args:
+            data: what the image shows, with all poses up to date; must not change before it is given out or given up.
+            prepare: called before, in the camera's thread; may write ``data``.
+            finish: called with the image, in the camera's thread.
         """
         if not self._closed:
-            self._begun.append(_Begun(data, self._thread.submit(self._render_beside, data)))
+            self._begun.append(_Begun(data, self._thread.submit(self._render_beside, data, prepare, finish)))
 
     def give_up(self, keep: int = 0) -> None:
         """Forget the images that were begun, but for the first ``keep``; what they were made of may change then."""
@@ -77,7 +88,7 @@ class AheadCamera(Camera):
             if not image.cancel():
                 image.exception()
 
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> _Image:
         """The first image that was begun, if it is the one; else another, and all others are given up.
 
         See :meth:`Camera.render`.
@@ -99,9 +110,14 @@ class AheadCamera(Camera):
             self._thread.submit(self._camera.close).result()
             self._thread.shutdown()
 
-    def _render_beside(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def _render_beside(
+        self, data: mujoco.MjData, prepare: Callable[[], object], finish: Callable[[_Image], object]
+    ) -> _Image:
         with lent_core():
-            return self._camera.render(data)
+            prepare()
+            image = self._camera.render(data)
+            finish(image)
+            return image
 
 
 def _is_same_view(a: mujoco.MjData, b: mujoco.MjData) -> bool:

@@ -46,8 +46,8 @@ def make_robot(
         config: what the robot is made of; None = the defaults.
         start: start pose; None = the one of the configuration.
         knows_start: as of :class:`~.sim_robot.SimRobot`.
-        anticipates: whether it may render the next image while the present one is worked on, where there are cores for
-            both and the drive knows where it will be; the images are the same.
+        anticipates: whether it may move and render the next image while the present one is worked on, where there are
+            cores for both; motions and images are the same.
         forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
             other camera can render the model then.
         **options: fields of :class:`SimulationConfig` that take the place of those of ``config``, as in
@@ -108,16 +108,16 @@ def make_robot(
     wheels.place(start)
     if crowd is not None:
         wheels.move_among(crowd, Figures(model, crowd))
-    trail = Trail(model, config.sensor.delay_s + abs(config.sensor.stamp_error_s)) if config.sensor.is_late else None
-    if trail is not None:
-        wheels.leave(trail)
+    if config.sensor.is_late:
+        wheels.leave(Trail(model, config.sensor.delay_s + abs(config.sensor.stamp_error_s)))
     camera_name = _PREFIX + description.camera
     width, height = config.camera.image_size(config.image_px)
     make = functools.partial(make_camera, model, camera_name, width, height, cull_face=scene.cull_face, backend=backend)
-    if anticipates and config.drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1:
-        imager = AheadCamera(make)
-    else:
-        imager = make()
+    anticipates = anticipates and backend.name in _ANY_THREAD and usual_num_threads() > 1
+    imager = AheadCamera(make) if anticipates else make()
+    copied = None
+    if anticipates and isinstance(wheels, PhysicsDrive):
+        copied = PhysicsDrive(model, mujoco.MjData(model), description, prefix=_PREFIX)
     if forgets_textures and imager.kind == GlCamera.kind:
         forget_content(model.tex_data)
     T_base_camera = description.T_base_camera if config.pose != "true" else None
@@ -132,8 +132,7 @@ def make_robot(
         sensor=config.sensor,
         seed=config.seed,
         knows_start=knows_start,
-        crowd=crowd,
-        trail=trail,
+        copied=copied,
     )
 
 

@@ -1,5 +1,7 @@
 """Rays against what somebody else moves, such as people: how far it is, and which pixels show it."""
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -9,6 +11,7 @@ from anm_mj.sim.render_mesh import mean_colours
 
 _NEAREST_M = 1e-3
 _FARTHEST_M = 1e3
+_ROUNDING_M = 1e-3
 _FACETS_M = 0.02
 """A rasteriser draws round parts as flat facets, which lie inside of them by less than this [m]."""
 
@@ -31,16 +34,11 @@ class MovedRays:
         """Planar depth of the geoms [m], NaN where a ray passes them by, and their colours from 0 to 255. Body poses of
         ``data`` are up to date; ``directions`` are rays in camera axes (x right, y down, z forward), scaled to z = 1.
         """
+        found = np.zeros(len(directions), bool)
+        for low, high, _ in self._boxes(data, T_world_camera):
+            found |= ((directions[:, :2] >= low) & (directions[:, :2] <= high)).all(axis=1)
         depth_m, rgb = np.full(len(directions), np.nan, np.float32), np.zeros((len(directions), 3), np.float32)
-        near = np.flatnonzero(self._may_hit(data, T_world_camera, directions))
-        if not len(near):
-            return depth_m, rgb
-        rays = (directions[near] @ T_world_camera[:3, :3].T).ravel()
-        geoms, distance = np.full(len(near), -1, np.int32), np.full(len(near), -1.0)
-        args = T_world_camera[:3, 3].copy(), rays, self._groups, True, -1, geoms, distance, None, len(near), _FARTHEST_M
-        mujoco.mj_multiRay(self._model, data, *args)
-        hit = (geoms >= 0) & (distance > 0.0) & self._is_moved[geoms]
-        depth_m[near[hit]], rgb[near[hit]] = distance[hit], self._colours[geoms[hit]]
+        depth_m[found], rgb[found] = self._cast(data, T_world_camera, directions[found])
         return depth_m, rgb
 
     def shown(
@@ -55,25 +53,47 @@ class MovedRays:
         Images larger than what the evaluation reads are looked at in as few places.
         """
         rows, cols = (max(1, side // EVALUATION_SIDE_PX) for side in depth_m.shape)
-        few = directions[::rows, ::cols]
-        hit_m = self.hits(data, T_world_camera, few.reshape(-1, 3))[0].reshape(few.shape[:2])
-        shown = hit_m < depth_m[::rows, ::cols] + np.float32(_FACETS_M)
+        few, few_m = directions[::rows, ::cols], depth_m[::rows, ::cols] + np.float32(_FACETS_M)
+        shown = np.zeros(few_m.shape, bool)
+        for low, high, nearest_m in self._boxes(data, T_world_camera):
+            # x grows along the columns, y along the rows.
+            across, down = (
+                slice(np.searchsorted(axis, a), np.searchsorted(axis, b, "right"))
+                for axis, a, b in zip((few[0, :, 0], few[:, 0, 1]), low, high, strict=True)
+            )
+            shown[down, across] |= few_m[down, across] > nearest_m - _ROUNDING_M
+        near = np.nonzero(shown)
+        # Where a geom is missed, its depth is NaN.
+        shown[near] = self._cast(data, T_world_camera, few[near])[0] < few_m[near]
         return np.repeat(np.repeat(shown, rows, axis=0), cols, axis=1)[: depth_m.shape[0], : depth_m.shape[1]]
 
-    def _may_hit(
+    def _cast(
         self, data: mujoco.MjData, T_world_camera: Float[np.ndarray, "4 4"], directions: Float[np.ndarray, "n 3"]
-    ) -> Bool[np.ndarray, " n"]:
-        """The rays through the rectangles about the geoms' bounding spheres."""
+    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, "n 3"]]:
+        """As :meth:`hits`, of rays that may all hit something."""
+        depth_m, rgb = np.full(len(directions), np.nan, np.float32), np.zeros((len(directions), 3), np.float32)
+        if not len(directions):
+            return depth_m, rgb
+        rays = (directions @ T_world_camera[:3, :3].T).ravel()
+        count = len(directions)
+        geoms, distance = np.full(count, -1, np.int32), np.full(count, -1.0)
+        args = T_world_camera[:3, 3].copy(), rays, self._groups, True, -1, geoms, distance, None, count, _FARTHEST_M
+        mujoco.mj_multiRay(self._model, data, *args)
+        hit = (geoms >= 0) & (distance > 0.0) & self._is_moved[geoms]
+        depth_m[hit], rgb[hit] = distance[hit], self._colours[geoms[hit]]
+        return depth_m, rgb
+
+    def _boxes(
+        self, data: mujoco.MjData, T_world_camera: Float[np.ndarray, "4 4"]
+    ) -> Iterator[tuple[tuple[float, float], tuple[float, float], float]]:
+        """Of each geom's bounding sphere: the lowest and highest x and y of rays that may hit it, and its nearest depth
+        [m]. Those behind the camera have none.
+        """
         centre = (data.geom_xpos[self._geoms] - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
-        found = np.zeros(len(directions), bool)
         for (x, y, z), radius in zip(centre.tolist(), self._radius_m.tolist(), strict=True):
             if z + radius <= 0.0:
                 continue
             near, far = max(z - radius, _NEAREST_M), z + radius
-            inside = np.ones(len(directions), bool)
-            for axis, middle in enumerate((x, y)):
-                low, high = middle - radius, middle + radius
-                inside &= directions[:, axis] >= min(low / near, low / far)
-                inside &= directions[:, axis] <= max(high / near, high / far)
-            found |= inside
-        return found
+            low = tuple(min((at - radius) / near, (at - radius) / far) for at in (x, y))
+            high = tuple(max((at + radius) / near, (at + radius) / far) for at in (x, y))
+            yield low, high, z - radius

@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import pixel_directions, pose_matrix, relative_pose
+from anm_mj.frames import pose_matrix, relative_pose
 from anm_mj.people.crowd import Crowd
-from anm_mj.people.figures import Figures, people_states, standing_bodies, vacuum_states
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.sim.drives.trail import Trail
-from anm_mj.sim.moved_rays import MovedRays
-from anm_mj.sim.render_mesh import are_moved, visible_geoms
+from anm_mj.sim.drives.wheel_drive import WheelDrive
+from anm_mj.sim.people_shown import PeopleShown, true_people
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TruePeople, TrueView, Twist
+from anm_mj.sim.views_ahead import Image, ViewsAhead, frame_number, update_poses
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
-
-
-class _Coming(NamedTuple):
-    """An action whose image was begun, and what is so after it."""
-
-    action: Action
-    data: mujoco.MjData
-    """Of the image."""
-    crowd: Crowd | None
-    trail: Trail | None
 
 
 class SimRobot:
@@ -45,7 +34,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("model", "data", "_camera", "_coming", "_spare", "_shown", "_figures", "_people_rays", "_standing_rays")
+    REBUILT = ("model", "data", "_camera", "_ahead", "_shown", "_people")
 
     def __init__(
         self,
@@ -59,8 +48,7 @@ class SimRobot:
         sensor: SensorConfig | None = None,
         seed: int = 0,
         knows_start: bool = True,
-        crowd: Crowd | None = None,
-        trail: Trail | None = None,
+        copied: PhysicsDrive | None = None,
     ):
         """Combine the parts.
 
@@ -76,8 +64,7 @@ class SimRobot:
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
             knows_start: whether odometry begins at the true pose; else it begins at zero, wherever the robot stands.
-            crowd: people in the model; None = nobody.
-            trail: of the drive, which images that are late are made of; None = images are of the present.
+            copied: as of :class:`~.views_ahead.ViewsAhead`.
         """
         self.model = model
         self.data = data
@@ -97,27 +84,26 @@ class SimRobot:
         """The last observation, and the exact depth at its time [m]."""
         self.step = 0
         """Number of executed actions, including refused ones, without STOP."""
-        self._trail = trail
-        self._shown = data if trail is None else mujoco.MjData(model)
+        self._shown = data if self._trail is None else mujoco.MjData(model)
         """What the last image shows."""
-        self._coming: list[_Coming] = []
-        """The next actions whose images were begun."""
-        self._spare: list[mujoco.MjData] = []
-        """States that no image is made of any more."""
-        self._crowd, self._figures, self._people_rays, self._standing_rays = crowd, None, None, None
-        if crowd is not None:
-            geoms = visible_geoms(model)
-            geoms = geoms[are_moved(model, geoms)]
-            self._figures = Figures(model, crowd)
-            stands = np.isin(model.geom_bodyid[geoms], standing_bodies(model))
-            if stands.any():
-                self._standing_rays, geoms = MovedRays(model, geoms[stands]), geoms[~stands]
-            self._people_rays = MovedRays(model, geoms)
+        self._ahead = None
+        if isinstance(camera, AheadCamera) and isinstance(drive, KinematicDrive | PhysicsDrive):
+            self._ahead = ViewsAhead(model, camera, drive, copied, self._sensor_config.delay_s, self._measure)
+        self._people = None if self._crowd is None else PeopleShown(model)
 
     @property
     def footprint(self) -> Footprint:
         """The cylinder that must stay clear of obstacles."""
         return self._footprint
+
+    @property
+    def _crowd(self) -> Crowd | None:
+        return self._drive.crowd if isinstance(self._drive, WheelDrive) else None
+
+    @property
+    def _trail(self) -> Trail | None:
+        """What late images are made of; None = images are of the present."""
+        return self._drive.trail if isinstance(self._drive, WheelDrive) else None
 
     @property
     def pose(self) -> Pose2:
@@ -150,23 +136,11 @@ class SimRobot:
         seen, exact_m = self._looked
         pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._shown)
         told = is_measured(seen.depth_m)
-        if self._crowd is None or self._people_rays is None:
+        if self._crowd is None or self._people is None:
             return TrueView(pose, T_world_camera, np.where(told, exact_m, np.float32(np.nan)))
-        view = self._shown, T_world_camera, pixel_directions(seen.intrinsics), exact_m
-        shown = self._people_rays.shown(*view)
-        crowd = self._crowd
-        standing_shown = None if self._standing_rays is None else self._standing_rays.shown(*view)
-        people = TruePeople(
-            people_states(crowd),
-            shown,
-            crowd.distance_m(pose.xy_m),
-            chair=crowd.chair,
-            standing_shown=standing_shown,
-            vacuums=vacuum_states(crowd),
-            doors=crowd.doors.states,
-        )
-        shown = shown if standing_shown is None else shown | standing_shown
-        return TrueView(pose, T_world_camera, np.where(told & ~shown, exact_m, np.float32(np.nan)), people)
+        shown = self._people.find(self._shown, T_world_camera, seen.intrinsics, exact_m)
+        exact_m = np.where(told & ~shown.any_of_them, exact_m, np.float32(np.nan))
+        return TrueView(pose, T_world_camera, exact_m, true_people(self._crowd, shown, pose))
 
     @property
     def odometry(self) -> Pose2:
@@ -180,16 +154,16 @@ class SimRobot:
         A late image is the view of a moment ago, with the camera's pose at the time of its stamp. Raises RenderError
         after ``close``.
         """
-        self._update_poses(self.data)
+        update_poses(self.model, self.data)
         pose = self._drive.pose if self._T_base_camera is None else self.odometry
         T_world_camera = self._stamped_camera(pose)
         if self._trail is not None:
             self._trail.write(self._shown, self.data.time - self._sensor_config.delay_s)
-            self._update_poses(self._shown)
+            update_poses(self.model, self._shown)
         rgb, exact_m = self._camera.render(self._shown)
-        self._forget_coming()
-        # Frames are told apart by their time: velocities do not count as steps.
-        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self.data.time))
+        frame = frame_number(self.data)
+        measured = None if self._ahead is None else self._ahead.measured(exact_m, frame)
+        rgb, depth_m = self._measure((rgb, exact_m), frame) if measured is None else measured
         seen = Observation(
             step=self.step,
             time_s=float(self.data.time),
@@ -212,56 +186,26 @@ class SimRobot:
         if self._T_base_camera is None:
             if self._trail is not None:
                 self._trail.write(self._shown, stamp_s)
-                self._update_poses(self._shown)
+                update_poses(self.model, self._shown)
             return self._camera.T_world_camera(self._shown)
         if self._trail is None:
             return pose_matrix(pose) @ self._T_base_camera
         back = pose_matrix(relative_pose(self._drive.odometry, self._trail.odometry_at(stamp_s)))
         return pose_matrix(pose) @ back @ self._T_base_camera
 
-    def _update_poses(self, data: mujoco.MjData) -> None:
-        """After any joint motion the poses of bodies and cameras are outdated."""
-        mujoco.mj_kinematics(self.model, data)
-        mujoco.mj_comPos(self.model, data)
-        mujoco.mj_camlight(self.model, data)
+    def _measure(self, image: Image, frame: int) -> Image:
+        return self._sensor.measure(*image, self._camera.intrinsics, frame)
 
     def anticipate(self, *actions: Action) -> None:
-        """Begin the images after actions, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
-        if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, KinematicDrive):
-            return
-        pairs = zip(self._coming, actions, strict=False)
-        wrong = next((k for k, (known, action) in enumerate(pairs) if known.action != action), None)
-        if wrong is not None:
-            self._camera.give_up(wrong)
-            self._spare += [one.data for one in self._coming[wrong:]]
-            del self._coming[wrong:]
-        for number in range(len(self._coming), len(actions)):
-            coming = self._spare.pop() if self._spare else mujoco.MjData(self.model)
-            pose = self._drive.anticipate(actions[: number + 1], coming)
-            crowd, trail = self._coming[-1][2:] if self._coming else (self._crowd, self._trail)
-            crowd, trail = crowd and crowd.copied(), trail and trail.copied()
-            if crowd is not None and self._figures is not None:
-                if trail is None:
-                    crowd.follow(coming.time, pose.xy_m)
-                    self._figures.write(crowd, coming)
-                else:
-                    trail.follow(crowd, self._figures, coming, pose.xy_m)
-            if trail is not None:
-                trail.add(coming, pose, self._drive.profile(actions[number]))
-                trail.write(coming, coming.time - self._sensor_config.delay_s)
-            self._update_poses(coming)
-            self._coming.append(_Coming(actions[number], coming, crowd, trail))
-            self._camera.begin(coming)
-
-    def _forget_coming(self) -> None:
-        if isinstance(self._camera, AheadCamera):
-            done = len(self._coming) - self._camera.num_begun
-            self._spare += [one.data for one in self._coming[:done]]
-            del self._coming[:done]
+        """Begin actions and the images after them, where it can; see :class:`anm_mj.protocols.Anticipates`."""
+        if self._ahead is not None:
+            self._ahead.begin(*actions)
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
-        result = self._drive.act(action)
+        result = None if self._ahead is None else self._ahead.take(action)
+        if result is None:
+            result = self._drive.act(action)
         self.step += action != Action.STOP
         return result
 
@@ -277,9 +221,8 @@ class SimRobot:
         mujoco.mj_resetData(self.model, self.data)
         self.place(pose)
         self.step = 0
-        if self._crowd is not None and self._figures is not None:
-            self._crowd.restart(pose.xy_m, seed)
-            self._figures.write(self._crowd, self.data)
+        if isinstance(self._drive, WheelDrive):
+            self._drive.restart_people(pose, seed)
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s]; ``step`` does not count it. Raises RobotError if the duration is not
@@ -317,7 +260,7 @@ class SimRobot:
         if state.shape != (mujoco.mj_stateSize(self.model, _STATE),):
             raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
         mujoco.mj_setState(self.model, self.data, state, _STATE)
-        self._update_poses(self.data)
+        update_poses(self.model, self.data)
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

@@ -28,8 +28,8 @@ def crowd_in(robot: SimRobot) -> Crowd:
 
 def write_crowd(robot: SimRobot) -> None:
     """Put everybody where the crowd says."""
-    assert robot._figures is not None
-    robot._figures.write(crowd_in(robot), robot.data)
+    assert robot._drive.figures is not None
+    robot._drive.figures.write(crowd_in(robot), robot.data)
 
 
 def pose_at(xy_m: np.ndarray, yaw_rad: float) -> Pose2:

@@ -1,18 +1,23 @@
 """A camera that begins images before they are asked for shows what the camera within it shows."""
 
 import threading
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
 from anm_mj.errors import RenderError
+from anm_mj.people.people_config import PeopleConfig
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import Action
+from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sim_robot import SimRobot
+from anm_mj.sim.simulation_config import SimulationConfig
+from anm_mj.types import Action, Observation, Pose2, Twist
 from anm_mj.utils import threads
 
 _MODEL = """<mujoco><worldbody><geom type="box" pos="3 0 0" size="0.5 9 9"/>
@@ -138,22 +143,78 @@ def test_what_fails_when_the_camera_is_made_is_told(model):
         AheadCamera(lambda: GlCamera(model, "other", 8, 8))
 
 
-def test_a_robot_that_anticipates_sees_the_same(monkeypatch):
+def same(seen: Observation, expected: Observation) -> bool:
+    arrays = ("rgb", "depth_m", "T_world_camera")
+    equal = all(np.array_equal(getattr(seen, each), getattr(expected, each), equal_nan=True) for each in arrays[:2])
+    return equal and np.array_equal(seen.T_world_camera, expected.T_world_camera) and seen.pose == expected.pose
+
+
+# An image of the present and one that is late, of an exact camera and of a noisy one.
+REAL = {"pose": "odometry", "sensor": replace(SENSORS["d435i"], delay_s=0.1), "people": PeopleConfig(number=2)}
+
+
+@pytest.mark.parametrize("options", [{}, {"drive": "physics"}, {"drive": "physics", **REAL}, REAL])
+def test_a_robot_that_anticipates_does_and_sees_the_same(monkeypatch, options):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    scene = load_scene("flat")
+    scene, config = load_scene("flat"), SimulationConfig("flat", **{"image_px": 64, **options})
+    config = replace(config, model=replace(config.model, wheel_noise=0.02))
     forward, left, right = Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT
-    # Twice a second guess is taken back before it is due, once a guess was wrong.
-    guesses = [(forward, left), (left,), (left, left), (forward, forward), (right,), (), (left, forward)]
-    actions = [forward, left, right, forward, right, right, left]
-    with make_robot(scene, image_px=64, anticipates=True) as robot, make_robot(scene, image_px=64) as plain:
+    # Twice a second guess is taken back before it is due, twice a guess was wrong.
+    guesses = [(forward, left), (left,), (left, left), (forward, forward), (right,), (), (left, forward), (right,)]
+    actions = [forward, left, right, forward, right, right, left, forward]
+    with make_robot(scene, config, anticipates=True) as robot, make_robot(scene, config) as plain:
         for guess, action in [*zip(guesses, actions, strict=True)] + [((forward, forward), forward)] * 80:
             robot.anticipate(*guess)
-            collided = robot.act(action).collided
-            assert plain.act(action).collided == collided
-            seen, expected = robot.observe(), plain.observe()
-            assert np.array_equal(seen.rgb, expected.rgb)
-            assert np.array_equal(seen.depth_m, expected.depth_m, equal_nan=True)
-            assert np.array_equal(seen.T_world_camera, expected.T_world_camera)
-            if collided:
-                return  # The guess was wrong here.
+            result = robot.act(action)
+            assert plain.act(action) == result
+            assert same(robot.observe(), plain.observe())
+            assert np.array_equal(robot.get_state(), plain.get_state())
+            if result.collided:
+                return  # The kinematic guess was wrong here.
         pytest.fail("the robot never met the wall")
+
+
+def test_an_action_that_was_begun_elsewhere_is_forgotten(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    scene, config, forward = (
+        load_scene("flat"),
+        SimulationConfig("flat", drive="physics", image_px=64),
+        Action.MOVE_FORWARD,
+    )
+    config = replace(config, model=replace(config.model, wheel_noise=0.02))
+
+    def moved(robot: SimRobot) -> None:
+        robot.drive(Twist(0.2, 0.3), 0.2)
+
+    def placed(robot: SimRobot) -> None:
+        robot.place(Pose2(robot.pose.x_m, robot.pose.y_m, 0.5))
+
+    with make_robot(scene, config, anticipates=True) as robot, make_robot(scene, config) as plain:
+        start = robot.pose
+        for between in (moved, placed, lambda each: each.restart(start, seed=3), lambda each: each.look_at(np.ones(3))):
+            robot.anticipate(forward)
+            between(robot)
+            between(plain)
+            assert robot.act(forward) == plain.act(forward)
+            assert same(robot.observe(), plain.observe())
+            robot.anticipate(forward)
+            assert robot.act(forward) == plain.act(forward)
+            # Without an image between them.
+            assert robot.act(forward) == plain.act(forward)
+            assert same(robot.observe(), plain.observe())
+
+
+def test_an_action_that_was_begun_is_not_executed_again(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    with make_robot(load_scene("flat"), drive="physics", image_px=64, anticipates=True) as robot:
+        for taken in (True, False):
+            robot.anticipate(Action.MOVE_FORWARD if taken else Action.TURN_LEFT)
+            before, executed = robot.pose, []
+            monkeypatch.setattr(robot._drive, "_execute", lambda action, to=executed: to.append(action) or False)
+            result = robot.act(Action.MOVE_FORWARD)
+            monkeypatch.undo()
+            monkeypatch.setenv("OMP_NUM_THREADS", "2")
+            assert bool(executed) is not taken
+            assert (robot.pose != before) is taken
+            assert not result.collided
+            robot.observe()

@@ -1,5 +1,8 @@
 """A drive by wheel torque and contact: the wheels move the base, and obstacles stop it."""
 
+from __future__ import annotations
+
+import copy
 import math
 
 import mujoco
@@ -20,8 +23,10 @@ from anm_mj.sim.drives.shell_contacts import ShellContacts
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _STANDING = Twist(0.0, 0.0)
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+_UNSTABLE = np.array([int(kind) for kind in UNSTABLE])
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
 SUBSTEP_S = 0.002
@@ -99,9 +104,29 @@ class PhysicsDrive(WheelDrive):
         model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
     @property
+    def data(self) -> mujoco.MjData:
+        """The simulation that it drives in."""
+        return self._data
+
+    @property
     def reference(self) -> Pose2:
         """Commanded pose of the base."""
         return self._reference
+
+    def take_over(self, other: PhysicsDrive) -> None:
+        """Go on from where another drive of the same robot in the same model is, and share nothing that changes."""
+        mujoco.mj_copyData(self._data, self._model, other._data)
+        self._reference, self._twist, self._touched = other._reference, other._twist, other._touched
+        self._odometer, self._traction = other._odometer.copied(), copy.deepcopy(other._traction)
+        self._crowd, self._figures = other._crowd and other._crowd.copied(), other._figures
+        self._trail = other._trail and other._trail.copied()
+
+    @property
+    def state(self) -> bytes:
+        """Of simulation and drive: two that are equal have the same future, but for noise of another seed."""
+        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        return state.tobytes() + repr((self._reference, self._twist, self.odometry)).encode()
 
     def place(self, pose: Pose2) -> None:
         """Move the robot to a pose without driving, at rest, and restart its odometry there."""
@@ -247,7 +272,7 @@ class PhysicsDrive(WheelDrive):
 
     @property
     def _diverged(self) -> bool:
-        return any(self._data.warning[kind].number for kind in UNSTABLE) or not np.isfinite(self._data.qpos).all()
+        return bool(self._data.warning.number[_UNSTABLE].any()) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
         self._data.ctrl[self._motors] = 0.0

@@ -67,9 +67,30 @@ class WheelDrive:
         self._crowd, self._figures = crowd, figures
         figures.write(crowd, self._data)
 
+    def restart_people(self, robot: Pose2, seed: int | None) -> None:
+        """Place those who move anew around a robot at a pose; ``seed`` as of :meth:`Crowd.restart`."""
+        if self._crowd is not None and self._figures is not None:
+            self._crowd.restart(robot.xy_m, seed)
+            self._figures.write(self._crowd, self._data)
+
     def leave(self, trail: Trail) -> None:
         """Leave a trail from now on."""
         self._trail = trail
+
+    @property
+    def crowd(self) -> Crowd | None:
+        """Those who move on with this drive; None for nobody."""
+        return self._crowd
+
+    @property
+    def figures(self) -> Figures | None:
+        """Their bodies in the simulation."""
+        return self._figures
+
+    @property
+    def trail(self) -> Trail | None:
+        """What this drive leaves; None for nothing."""
+        return self._trail
 
     def reseed(self, seed: int) -> None:
         """Begin the noise of the encoders of a seed."""
@@ -88,6 +109,8 @@ class WheelDrive:
     def _pass_time(self) -> None:
         """Let people move on to the present time of the simulation."""
         if self._crowd is None or self._figures is None:
+            return
+        if self._crowd.next_s > self._data.time + 1e-9:
             return
         if self._trail is not None:
             self._trail.follow(self._crowd, self._figures, self._data, self._base.pose.xy_m)

@@ -17,7 +17,12 @@ def measure_color(
     if config.color_sigma == config.color_gain == config.exposure_sigma == 0.0:
         return rgb
     value = rgb * np.float32(np.exp(config.exposure_sigma * generator.standard_normal()))
-    value += np.sqrt(config.color_sigma**2 + config.color_gain * value) * generator.standard_normal(
-        rgb.shape, np.float32
-    )
-    return np.clip(np.rint(value), 0, 255).astype(np.uint8)
+    # In place: fresh memory takes as long as the arithmetic.
+    spread = config.color_gain * value
+    spread += config.color_sigma**2
+    np.sqrt(spread, out=spread)
+    spread *= generator.standard_normal(rgb.shape, np.float32)
+    value += spread
+    np.rint(value, out=value)
+    np.clip(value, 0, 255, out=value)
+    return value.astype(np.uint8)

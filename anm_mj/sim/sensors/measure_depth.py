@@ -43,7 +43,7 @@ def measure_depth(
     else:
         measured = _time_of_flight(sampled, spread, cos_incidence, edge, scale_error, config, generator)
     # A pixel between a surface and the sky is no measurement either.
-    measured[missing | ~np.isfinite(measured)] = np.nan
+    np.copyto(measured, np.nan, where=missing | ~np.isfinite(measured))
     return _in_range(measured, sampled, config, np.float32(np.nan))
 
 
@@ -77,10 +77,15 @@ def _jittered(
     if sigma_px == 0.0:
         return depth_m
     height, width = depth_m.shape
-    shift = np.rint(sigma_px * generator.standard_normal((2, height, width), np.float32)).astype(np.int64)
-    row = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1)
-    col = np.clip(np.arange(width)[None, :] + shift[1], 0, width - 1)
-    return depth_m[row, col]
+    shift = sigma_px * generator.standard_normal((2, height, width), np.float32)
+    row, col = np.rint(shift, out=shift).astype(np.int32)
+    row += np.arange(height, dtype=np.int32)[:, None]
+    col += np.arange(width, dtype=np.int32)
+    np.clip(row, 0, height - 1, out=row)
+    np.clip(col, 0, width - 1, out=col)
+    row *= width
+    row += col
+    return depth_m.take(row)
 
 
 def _lost_at_grazing(
@@ -142,9 +147,6 @@ def _in_range(
         far |= (looked_at_m > config.max_range_m) | (measured_m > config.max_range_m)
     near = (looked_at_m < config.min_range_m) | (measured_m <= config.min_range_m)
     out = measured_m.copy()
-    # Indoors most frames of an exact camera hold neither, and to find no pixel of a mask takes as long as the mask.
-    if far.any():
-        out[far] = beyond
-    if near.any():
-        out[near] = np.nan
+    np.copyto(out, beyond, where=far)
+    np.copyto(out, np.float32(np.nan), where=near)
     return out

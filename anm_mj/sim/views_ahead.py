@@ -1,0 +1,179 @@
+"""Begins the next actions of a simulated robot, and what its camera will show after them, before they are asked for.
+
+Actions that roll exactly and at once need no more than the poses after them. Actions by torque and contact take as long
+as an image: one is executed in a copy of the simulation. What a drive does depends on nothing but its state and the
+simulation's, so that the copy's action is the action, to the last bit, if it is asked for in the state that was copied;
+else it is forgotten.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from anm_mj.people.crowd import Crowd
+from anm_mj.sim.ahead_camera import AheadCamera
+from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
+from anm_mj.sim.drives.trail import Trail
+from anm_mj.types import Action, ActionResult
+
+Image = tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]
+"""Colours, and planar depth [m]."""
+_AT_ONCE = 2
+"""So many images may have been begun."""
+
+
+class _Coming(NamedTuple):
+    """An action whose image was begun, and what is so after it."""
+
+    action: Action
+    data: mujoco.MjData
+    """Of the image."""
+    crowd: Crowd | None = None
+    trail: Trail | None = None
+
+
+class ViewsAhead:
+    """The next actions of a drive whose images were begun."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        camera: AheadCamera,
+        drive: KinematicDrive | PhysicsDrive,
+        copied: PhysicsDrive | None,
+        delay_s: float,
+        measure: Callable[[Image, int], Image],
+    ) -> None:
+        """Begin with none.
+
+        Args:
+            model: the model of camera and drives.
+            camera: renders the images.
+            drive: whose actions they are.
+            copied: another drive of the same robot, on data of its own; None for one whose actions take no time.
+            delay_s: how late images are [s].
+            measure: what the sensor makes of an exact image and the number of its frame; may be called in any thread.
+        """
+        self._model, self._camera, self._drive, self._copied = model, camera, drive, copied
+        self._delay_s, self._measure = delay_s, measure
+        self._coming: list[_Coming] = []
+        self._spare: list[mujoco.MjData] = []
+        """Data that no image is made of any more."""
+        self._measured: deque[tuple[Float32[np.ndarray, "h w"], int, Image]] = deque(maxlen=_AT_ONCE)
+        self._state = b""
+        """That the action in the copy began in."""
+        self._result: Future[ActionResult] = Future()
+
+    def __len__(self) -> int:
+        """Actions whose images were begun and not shown yet."""
+        return len(self._coming)
+
+    def begin(self, *actions: Action) -> None:
+        """Begin the images after actions; see :class:`anm_mj.protocols.Anticipates`."""
+        if self._copied is not None:
+            actions = actions[:1]
+        pairs = zip(self._coming, actions, strict=False)
+        wrong = next((k for k, (known, action) in enumerate(pairs) if known.action != action), None)
+        if wrong is not None:
+            self._give_up(wrong)
+        for number in range(len(self._coming), len(actions)):
+            if isinstance(self._drive, KinematicDrive):
+                self._roll(self._drive, actions[: number + 1])
+            elif self._copied is not None:
+                self._execute(self._drive, self._copied, actions[number])
+
+    def take(self, action: Action) -> ActionResult | None:
+        """What an action does, if it was begun in the present state; then the drive stands at its end. Else None."""
+        drive, copied = self._drive, self._copied
+        if copied is None or not isinstance(drive, PhysicsDrive) or not self._coming:
+            return None
+        is_it = self._coming[0].action is action and self._state == drive.state
+        if not is_it or self._result.exception() is not None:
+            self._give_up(0)
+            return None
+        drive.take_over(copied)
+        self._state = b""
+        return self._result.result()
+
+    def measured(self, exact_m: Float32[np.ndarray, "h w"], frame: int) -> Image | None:
+        """What the sensor makes of an image that was begun, given its depth; None if it was not."""
+        done = len(self._coming) - self._camera.num_begun
+        self._spare += [one.data for one in self._coming[:done]]
+        del self._coming[:done]
+        return next((said for depth_m, number, said in self._measured if depth_m is exact_m and number == frame), None)
+
+    def _give_up(self, keep: int) -> None:
+        self._camera.give_up(keep)
+        self._spare += [one.data for one in self._coming[keep:]]
+        del self._coming[keep:]
+
+    def _roll(self, drive: KinematicDrive, actions: tuple[Action, ...]) -> None:
+        """Begin the image after the last of some actions, where those before it were begun."""
+        data = self._unused()
+        pose = drive.anticipate(actions, data)
+        crowd, trail = self._coming[-1][2:] if self._coming else (drive.crowd, drive.trail)
+        crowd, trail = crowd and crowd.copied(), trail and trail.copied()
+        if crowd is not None and drive.figures is not None:
+            if trail is None:
+                crowd.follow(data.time, pose.xy_m)
+                drive.figures.write(crowd, data)
+            else:
+                trail.follow(crowd, drive.figures, data, pose.xy_m)
+        if trail is not None:
+            trail.add(data, pose, drive.profile(actions[-1]))
+            trail.write(data, data.time - self._delay_s)
+        update_poses(self._model, data)
+        self._coming.append(_Coming(actions[-1], data, crowd, trail))
+        self._camera.begin(data, finish=functools.partial(self._finish, data))
+
+    def _execute(self, drive: PhysicsDrive, copied: PhysicsDrive, action: Action) -> None:
+        """Begin an action in the copy, and the image after it."""
+        data, self._state, self._result = self._unused(), drive.state, Future()
+        copied.take_over(drive)
+        prepare = functools.partial(self._run, copied, action, self._result, data)
+        self._coming.append(_Coming(action, data))
+        self._camera.begin(data, prepare, functools.partial(self._finish, data))
+
+    def _run(self, drive: PhysicsDrive, action: Action, result: Future[ActionResult], shown: mujoco.MjData) -> None:
+        """Execute an action in the camera's thread, and write what its image shows."""
+        try:
+            result.set_result(drive.act(action))
+        except BaseException as err:
+            result.set_exception(err)
+            raise
+        if drive.trail is None:
+            mujoco.mj_copyData(shown, self._model, drive.data)
+        else:
+            trail = drive.trail.copied()
+            trail.add(drive.data, drive.odometry)
+            trail.write(shown, drive.data.time - self._delay_s)
+            shown.time = drive.data.time
+        update_poses(self._model, shown)
+
+    def _finish(self, data: mujoco.MjData, image: Image) -> None:
+        frame = frame_number(data)
+        self._measured.append((image[1], frame, self._measure(image, frame)))
+
+    def _unused(self) -> mujoco.MjData:
+        return self._spare.pop() if self._spare else mujoco.MjData(self._model)
+
+
+def frame_number(data: mujoco.MjData) -> int:
+    """Number of the frame of a state: its time [ms], as velocities do not count as steps."""
+    return round(1e3 * data.time)
+
+
+def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring poses of bodies and cameras up to date, after any motion of joints."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
