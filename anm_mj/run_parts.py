@@ -34,6 +34,7 @@ from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.starts import sample_start
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import Footprint, TrueView
+from anm_mj.utils.memory import use_one_heap
 
 if TYPE_CHECKING:
     from anm_mj.localisation.field_localiser import FieldLocaliser
@@ -95,6 +96,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
     if prior is not None:
         prior.compare_scene(config.scene, scene.hash)
         config = prior.config(config)
+    use_one_heap()
     backend = select_backend()
     mapper = make_mapper(config)
     if prior is not None:

@@ -6,6 +6,8 @@ import sys
 
 import numpy as np
 
+_M_ARENA_MAX = -8
+"""As glibc numbers it."""
 _MADV_DONTNEED = 4
 """As Linux numbers it on all processors."""
 
@@ -22,6 +24,18 @@ def malloc_trim() -> None:
         # Not glibc, or its symbols cannot be loaded this way.
         return
     trim(0)
+
+
+def use_one_heap() -> None:
+    """Let all threads of the process share a heap; does nothing with C libraries other than glibc.
+
+    glibc gives threads heaps of their own, each of which keeps what its thread has freed: tens of megabytes for images.
+    Call it before there are threads.
+    """
+    try:
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
+    except (OSError, AttributeError, TypeError):
+        return
 
 
 def forget_content(array: np.ndarray) -> None:

@@ -1,3 +1,5 @@
+import platform
+import subprocess
 import sys
 from pathlib import Path
 
@@ -39,3 +41,31 @@ def test_an_array_without_a_whole_page_keeps_its_content():
     forget_content(few)
     forget_content(few[:0])
     assert (few == np.arange(100)).all()
+
+
+_COUNT_HEAPS = """
+import ctypes, sys, threading
+from pathlib import Path
+import numpy as np
+from anm_mj.utils.memory import use_one_heap
+if sys.argv[2] == "one":
+    use_one_heap()
+thread = threading.Thread(target=lambda: [np.ones(2**12) for _ in range(100)])
+thread.start()
+thread.join()
+libc = ctypes.CDLL(None)
+libc.fopen.restype = ctypes.c_void_p
+file = libc.fopen(sys.argv[1].encode(), b"w")
+libc.malloc_info(0, ctypes.c_void_p(file))
+libc.fclose(ctypes.c_void_p(file))
+print(Path(sys.argv[1]).read_text().count("<heap nr="))
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="heaps as glibc has them")
+def test_threads_share_a_heap(tmp_path):
+    def heaps(how_many: str) -> int:
+        command = [sys.executable, "-c", _COUNT_HEAPS, str(tmp_path / "heaps.xml"), how_many]
+        return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+    assert heaps("many") > heaps("one") == 1
