@@ -19,7 +19,7 @@ from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import cell_to_world, pixel_directions, world_to_cell
-from anm_mj.planning.topdown_mapper import COLLISION_CELLS
+from anm_mj.planning.topdown_mapper import COLLISION_CELLS, SMALL_COLLISION_CELLS
 from anm_mj.sensing.missing_floor import MissingFloor
 from anm_mj.sensing.pixel_state import measured_pixels
 from anm_mj.types import (
@@ -72,6 +72,8 @@ class ScanGrid:
         """NaN in cells that no beam has touched."""
         self.surface_m = np.zeros((2, 0, 0), np.float32)
         """Where in each cell the beams ended: x and y from its centre [m]; NaN where none did."""
+        self._collisions_xy_m: list[Float[np.ndarray, "2"]] = []
+        """Centres of the obstacles that collisions left as large as any [m]."""
 
     def continue_from(self, log_odds: Float[np.ndarray, "rows cols"], origin_xy_m: Float[np.ndarray, "2"]) -> None:
         """Begin with the grid of a prior run, of which a few scans change what has changed since."""
@@ -132,8 +134,24 @@ class ScanGrid:
         place = pose.xy_m + (self.footprint.radius_m + FORWARD_STEP_M) * ahead
         cell = world_to_cell(place[None], self.origin_xy_m, RESOLUTION_M)
         (centre,) = cell_to_world(cell, self.origin_xy_m, RESOLUTION_M)
-        # A little more, as rounding must not decide.
-        self.log_odds[self._disc(centre, (COLLISION_CELLS + 0.2) * RESOLUTION_M)] = MOST
+        self.log_odds[self._collision(centre, COLLISION_CELLS)] = MOST
+        self._collisions_xy_m.append(centre)
+
+    def shrink_collisions(self) -> bool:
+        """Draw the obstacles that collisions left as small as they may be; whether this may open a path.
+
+        As the map of the other policies does: a mark may close the only way, also that by which the robot came.
+        """
+        centres, self._collisions_xy_m = self._collisions_xy_m, []
+        opened = np.zeros(self.log_odds.shape, bool)
+        for centre in centres:
+            opened |= self._collision(centre, COLLISION_CELLS)
+        for centre in centres:
+            opened &= ~self._collision(centre, SMALL_COLLISION_CELLS)
+        # Where beams ended there is an obstacle without any collision.
+        opened &= np.isnan(self.surface_m[0]) & (self.log_odds > 0)
+        self.log_odds[opened] = LEAST
+        return bool(opened.any())
 
     def topdown(self) -> TopDownMap:
         """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
@@ -227,6 +245,10 @@ class ScanGrid:
 
     def _under(self, pose: Pose2) -> Bool[np.ndarray, "rows cols"]:
         return self._disc(pose.xy_m, self.footprint.radius_m)
+
+    def _collision(self, xy_m: Float[np.ndarray, "2"], cells: int) -> Bool[np.ndarray, "rows cols"]:
+        # A little more, as rounding must not decide.
+        return self._disc(xy_m, (cells + 0.2) * RESOLUTION_M)
 
     def _disc(self, xy_m: Float[np.ndarray, "2"], radius_m: float) -> Bool[np.ndarray, "rows cols"]:
         """Cells whose centres are so near to a place."""

@@ -118,6 +118,23 @@ def test_a_refused_step_puts_an_obstacle_before_the_robot():
     assert leads_to(0.4)
 
 
+def test_marks_of_collisions_shrink_but_for_what_was_seen():
+    grid = ScanGrid(FOOTPRINT, 10.0)
+    grid.integrate(look(Pose2(0.3, 0.0, 0.0)))
+    before = grid.topdown().state
+    # One in the open, one whose mark reaches over the wall at x = 2 m.
+    for x_m in (0.5, 1.7):
+        grid.block_ahead(Pose2(x_m, 0.0, 0.0))
+    large = np.count_nonzero(grid.topdown().state != before)
+    assert grid.shrink_collisions()
+    after = grid.topdown().state
+    small = np.count_nonzero(after != before)
+    assert 0 < small < large / 2
+    assert state_at(grid, 0.5 + 0.18 + 0.065, 0.0) == OCCUPIED
+    assert (after[before == OCCUPIED] == OCCUPIED).all()
+    assert not grid.shrink_collisions()
+
+
 def test_clearance_is_measured_to_surfaces_and_not_to_cells():
     """The wall at x = 2 m stands at the edge of a cell: to the cell's near side clearance would be half a cell off."""
     grid = ScanGrid(FOOTPRINT, 10.0)

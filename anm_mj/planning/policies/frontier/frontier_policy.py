@@ -12,6 +12,7 @@ Deviations:
   for ever, because the nearer one stops counting a metre before it.
 - Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator. The
   robot can go back the way it came, although a collision or a scan has marked an obstacle beside it since.
+- Where no frontier can be reached, the marks of collisions shrink, as in the map of the other policies.
 - The robot gives a frontier up when it looked at it and it stays, when no path comes near (Yamauchi's list of
   inaccessible frontiers), or when it takes more than twice the steps of the path's cost and a look around: at first as
   a whole, and when no other is left only where it was tried. Then the run ends as complete instead of driving
@@ -104,7 +105,6 @@ class Frontier(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path to a frontier; the policy ignores the neural map."""
-        del mapper
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
@@ -121,6 +121,8 @@ class Frontier(ScanPolicy):
         if kept is not None:
             self._chosen = kept
             return self._go("the same frontier as before", routes, left, watch)
+        if not left and self.grid.shrink_collisions():
+            return self.plan(mapper, observation)
         if not left:
             reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
             return Plan(reason, stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)

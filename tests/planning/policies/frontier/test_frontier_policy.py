@@ -4,11 +4,13 @@ import math
 import numpy as np
 import pytest
 
+from anm_mj.frames import world_to_cell
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
 from anm_mj.planning.policies.frontier.frontier_policy import Frontier, border_hops, frontiers
+from anm_mj.planning.scan_grid import LEAST, MOST, RESOLUTION_M
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Plan, Pose2, StopReason, TopDownMap
 from tests.box_room import observe
 from tests.planning.worlds import BoxWorld
@@ -180,6 +182,30 @@ def test_a_step_back_that_collides_closes_the_way_too(monkeypatch):
         policy.observe(look(Pose2(float(x_m), 1.45, 0.0)))
 
     assert policy.plan(BoxWorld((1.0, 1.0), []), look(Pose2(4.5, 1.45, 0.0))).stop is StopReason.COMPLETE
+
+
+def test_marks_of_collisions_that_close_the_only_way_shrink_before_it_gives_up():
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
+    # A corridor of 70 cm, known but for its end.
+    policy.grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+    grid = policy.grid.log_odds
+    grid[:], policy.grid.surface_m[:] = MOST, np.nan
+    row, col = world_to_cell(np.zeros((1, 2)), policy.grid.origin_xy_m, RESOLUTION_M)[0]
+    grid[row - 7 : row + 7, col - 20 : col + 20] = LEAST
+    grid[row - 7 : row + 7, col + 20 : col + 30] = np.nan
+    free = np.count_nonzero(grid < 0)
+    seen, world = look(Pose2(-0.3, 0.0, 0.0)), BoxWorld((1.0, 1.0), [])
+    assert policy.plan(world, seen).stop is None
+
+    for side_m in (-0.34, 0.34):
+        policy.on_collision(Pose2(0.0, side_m, 0.0), Action.MOVE_FORWARD)
+    marked = free - np.count_nonzero(grid < 0)
+    plan = policy.plan(world, seen)
+
+    assert marked > 0
+    assert plan.stop is None
+    assert plan.path_xy_m[-1][0] > 0.4
+    assert 0 < free - np.count_nonzero(grid < 0) < marked
 
 
 def test_a_room_seen_to_the_last_corner_is_complete():
