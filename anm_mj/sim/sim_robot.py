@@ -214,6 +214,8 @@ class SimRobot:
 
         ``seed`` is that of the sensor's errors from now on; None = as before.
         """
+        if self._ahead is not None:
+            self._ahead.forget()
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)

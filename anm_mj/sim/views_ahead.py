@@ -111,6 +111,10 @@ class ViewsAhead:
         del self._coming[:done]
         return next((said for depth_m, number, said in self._measured if depth_m is exact_m and number == frame), None)
 
+    def forget(self) -> None:
+        """Give up all actions that were begun: noise of another seed comes next, which no state tells."""
+        self._give_up(0)
+
     def _give_up(self, keep: int) -> None:
         self._camera.give_up(keep)
         self._spare += [one.data for one in self._coming[keep:]]
