@@ -265,8 +265,9 @@ class SimRobot:
         update_poses(self.model, self.data)
 
     def close(self) -> None:
-        """Free the camera's GL context; may be called again."""
+        """Free the camera's GL context, and what was begun; may be called again."""
         self._camera.close()
+        self._ahead = None
 
     def __enter__(self) -> SimRobot:
         return self
