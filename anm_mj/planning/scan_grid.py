@@ -137,19 +137,21 @@ class ScanGrid:
         self.log_odds[self._collision(centre, COLLISION_CELLS)] = MOST
         self._collisions_xy_m.append(centre)
 
-    def shrink_collisions(self) -> bool:
+    def shrink_collisions(self, driven_xy_m: Float[np.ndarray, "n 2"]) -> bool:
         """Draw the obstacles that collisions left as small as they may be; whether this may open a path.
 
-        As the map of the other policies does: a mark may close the only way, also that by which the robot came.
+        As the map of the other policies does: a mark may close the only way. Where the base was, ``driven_xy_m`` [m],
+        none is left: the robot may have hit something on its way back by no more than it had missed it before.
         """
         centres, self._collisions_xy_m = self._collisions_xy_m, []
         opened = np.zeros(self.log_odds.shape, bool)
         for centre in centres:
             opened |= self._collision(centre, COLLISION_CELLS)
+        driven = self._mask(driven_xy_m) & opened
         for centre in centres:
             opened &= ~self._collision(centre, SMALL_COLLISION_CELLS)
         # Where beams ended there is an obstacle without any collision.
-        opened &= np.isnan(self.surface_m[0]) & (self.log_odds > 0)
+        opened = (driven | (opened & np.isnan(self.surface_m[0]))) & (self.log_odds > 0)
         self.log_odds[opened] = LEAST
         return bool(opened.any())
 

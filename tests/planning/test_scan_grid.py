@@ -126,13 +126,18 @@ def test_marks_of_collisions_shrink_but_for_what_was_seen():
     for x_m in (0.5, 1.7):
         grid.block_ahead(Pose2(x_m, 0.0, 0.0))
     large = np.count_nonzero(grid.topdown().state != before)
-    assert grid.shrink_collisions()
+    nowhere = np.zeros((0, 2))
+    assert grid.shrink_collisions(nowhere)
     after = grid.topdown().state
     small = np.count_nonzero(after != before)
     assert 0 < small < large / 2
     assert state_at(grid, 0.5 + 0.18 + 0.065, 0.0) == OCCUPIED
     assert (after[before == OCCUPIED] == OCCUPIED).all()
-    assert not grid.shrink_collisions()
+    assert not grid.shrink_collisions(nowhere)
+
+    grid.block_ahead(Pose2(0.5, 0.0, 0.0))
+    assert grid.shrink_collisions(np.array([[0.5 + 0.18 + 0.065, 0.0]]))
+    assert state_at(grid, 0.5 + 0.18 + 0.065, 0.0) == FREE
 
 
 def test_clearance_is_measured_to_surfaces_and_not_to_cells():

@@ -121,7 +121,7 @@ class Frontier(ScanPolicy):
         if kept is not None:
             self._chosen = kept
             return self._go("the same frontier as before", routes, left, watch)
-        if not left and self.grid.shrink_collisions():
+        if not left and self.grid.shrink_collisions(self._driven_m):
             return self.plan(mapper, observation)
         if not left:
             reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
