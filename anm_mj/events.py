@@ -1,7 +1,7 @@
 """What the loop tells, and who listens: recorder, viewer, progress, checkpoints, a user's own function.
 
-An observer hears every event in the order in which things happen, when the state of the run is whole. It may ask for
-the end of the run; apart from that, nothing that the robot does depends on it.
+An observer hears every event in the order in which things happen, when the state of the run is whole (but for
+:class:`Located`). It may ask for the end of the run; apart from that, nothing that the robot does depends on it.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,10 @@ from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, StopReason
 
 @dataclass(frozen=True)
 class Located:
-    """The pose of an observation after an action is known; the map has not learnt from it yet."""
+    """The pose of an observation after an action is known; the map has not learnt from it yet.
+
+    The one event within a step: nothing is to be stored, as the state of the run is that of before.
+    """
 
     observation: Observation
 

@@ -114,10 +114,7 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
         cell = tuple(np.floor(at / _CELL_M).tolist())
         if cell != self._cell:
             self._cell, corner = cell, _CELL_M * np.array(cell)
-            self._cell, self._around = (
-                cell,
-                np.flatnonzero(_apart2(self._boxes, corner, corner + _CELL_M) < self._reach2),
-            )
+            self._around = np.flatnonzero(_apart2(self._boxes, corner, corner + _CELL_M) < self._reach2)
         near = self._all_pairs[self._around[_apart2(self._boxes[self._around], at, at) < self._reach2]]
         self.is_active = len(near) > 0
         if not len(near):
