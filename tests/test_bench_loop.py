@@ -48,7 +48,21 @@ def test_every_stage_has_a_line():
     ones, around = dict.fromkeys(STAGES, 1.0), dict.fromkeys(AROUND, 2.0)
     beside = {**dict.fromkeys(AROUND, 0.0), "pictures": 4.75}
     print_budget(
-        Budget("home", 10, 50.0, 60.0, ones, {"renderer": 3.25}, {"train": 0.5}, around, beside, 700.0), console
+        Budget(
+            "home",
+            10,
+            50.0,
+            60.0,
+            ones,
+            {"renderer": 3.25},
+            dict(ones, people=7.5),
+            34.5,
+            {"train": 0.5},
+            around,
+            beside,
+            700.0,
+        ),
+        console,
     )
     text = console.export_text()
     assert all(name in text for name in (*STAGES, *AROUND))
@@ -57,3 +71,48 @@ def test_every_stage_has_a_line():
     assert "60.0 without recording" in text
     assert "2.0" in text
     assert "50.0 a second" in text
+    assert "7.50" in text
+    assert "34.50" in text
+
+
+def test_processor_time_is_that_of_all_threads_without_sleep():
+    watch = Watch()
+
+    def work():
+        begin = time.thread_time()
+        while time.thread_time() - begin < 0.03:
+            pass
+
+    thread = threading.Thread(target=lambda: watch.run("inner", work))
+
+    def outer():
+        thread.start()
+        thread.join()
+        watch.run("inner", work)
+
+    watch.run("outer", outer)
+    assert 0.06 <= watch.cpu["inner"] < 0.2
+    assert watch.cpu["outer"] < 0.03
+
+
+def test_what_does_not_occur_has_no_line():
+    console = Console(record=True, width=120)
+    stages = dict.fromkeys(STAGES, 1.0) | {"people": 0.0}
+    print_budget(
+        Budget(
+            "home",
+            10,
+            5.0,
+            6.0,
+            stages,
+            {},
+            stages,
+            3.0,
+            {},
+            dict.fromkeys(AROUND, 1.0),
+            dict.fromkeys(AROUND, 0.0),
+            7.0,
+        ),
+        console,
+    )
+    assert "people" not in console.export_text()
