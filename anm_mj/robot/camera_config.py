@@ -4,12 +4,11 @@ import math
 from dataclasses import dataclass
 
 from anm_mj.errors import RobotError
+from anm_mj.robot.robot_config import MAX_TILT_DEG
 
 FOV_DEG = 10.0, 150.0
 """Fields of view that a pinhole can have [deg]."""
 HEIGHT_M = 0.02, 3.0
-MAX_TILT_DEG = 45.0
-"""A camera must look forward within this angle [deg]."""
 IMAGE_PX = 16, 2048
 
 

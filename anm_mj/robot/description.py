@@ -18,28 +18,36 @@ from anm_mj.mjcf.poses import body_pose, camera_pose
 from anm_mj.mjcf.read_mjcf import OutsideError, compile_spec, read_spec
 from anm_mj.robot.body_tree import CompiledRobot, name_all, solid_geoms, unused_name
 from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.camera_mount import mount_camera, remount_camera, upright_camera
-from anm_mj.robot.camera_search import (
+from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
+from anm_mj.robot.geom_extent import height_range_m, require_size, robot_footprint
+from anm_mj.robot.isolate import give_free_joint, hangs_on_joint, isolate_robot, lock_joints
+from anm_mj.robot.joint_positions import at_key_frame
+from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
+from anm_mj.robot.reduced_model import WHEEL_JOINTS, WheelMount, reduced_mjcf
+from anm_mj.robot.robot_camera import (
     camera_heading,
     find_camera,
+    mount_camera,
+    remount_camera,
     require_field_of_view,
     require_outside,
     require_view_ahead,
+    upright_camera,
     use_field_of_view,
 )
-from anm_mj.robot.casters import TOUCHES_FLOOR_M, let_casters_slide, lowest_xy_m
-from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
-from anm_mj.robot.footprint import require_size, robot_footprint
-from anm_mj.robot.geom_extent import height_range_m
-from anm_mj.robot.isolate import give_free_joint, isolate_robot
-from anm_mj.robot.joint_positions import at_key_frame
-from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
-from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
-from anm_mj.robot.reduced_model import WHEEL_JOINTS, WheelMount, reduced_mjcf
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.servos import fit_servos
-from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
+from anm_mj.robot.wheels import (
+    TOUCHES_FLOOR_M,
+    Wheel,
+    base_frame,
+    free_endless_hinges,
+    let_casters_slide,
+    lowest_xy_m,
+    read_wheels,
+    replace_wheel_contacts,
+)
 from anm_mj.types import Footprint
 
 _SLOWEST_MPS = 0.01
@@ -155,7 +163,7 @@ def describe_robot(
     model, data = robot.model, robot.data
     base = _find_base(robot, drive, T_root_base)
     camera_name, T_base_camera, fovy_deg, rolled = _camera(robot, config, drive, base, camera, image_px)
-    shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
+    shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.T_world_base[2, 3])
     if not solid_geoms(model):
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
     footprint, body_radius = robot_footprint(model, data, base.T_world_base)
@@ -235,10 +243,6 @@ class _Base:
     @property
     def wheel_radius_m(self) -> float:
         return self.lefts[0].radius_m if self.lefts else 0.0
-
-    @property
-    def floor_z_m(self) -> float:
-        return float(self.T_world_base[2, 3])
 
 
 def _find_base(robot: CompiledRobot, drive: DriveJoints, T_root_base: Float[np.ndarray, "4 4"] | None) -> _Base:

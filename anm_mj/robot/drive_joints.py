@@ -1,6 +1,7 @@
 """Finds the joints that drive a robot: two wheels, the wheels of a skid-steered base, or planar joints."""
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from anm_mj.errors import RobotError
 from anm_mj.robot.body_tree import joints_above, subtree
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.robot.robot_config import RobotConfig
-from anm_mj.robot.wheel_names import is_passive, side_of
 
 HOLONOMIC = "holonomic"
 DIFFERENTIAL = "differential"
@@ -22,6 +22,13 @@ _NEAR_FLOOR_M = 0.03
 """A wheel reaches down to within this distance of the robot's lowest point [m]."""
 _ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_WHEEL = {"wheel", "wheels", "whl", "drivewhl", "tire", "tyre"}
+_LEFT = {"left", "l", "lh", "lft", "port", "fl", "rl", "bl", "ml", "lf", "lb", "lr"}
+_RIGHT = {"right", "r", "rh", "rgt", "starboard", "fr", "rr", "br", "mr", "rf", "rb"}
+_PASSIVE = {"caster", "castor", "suspension", "steer", "steering", "swivel", "roller", "ball", "omni"}
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_PREFIXES = ("left", "right", "wheel")
+_ENDINGS = ("wheel", "caster", "castor")
 
 
 @dataclass(frozen=True)
@@ -113,6 +120,38 @@ def find_drive_joints(
     return DriveJoints(
         kind, model.body(roots.pop()).name, tuple(joints[j] for j in left), tuple(joints[j] for j in right)
     )
+
+
+def side_of(name: str) -> str:
+    """``left`` or ``right`` for the name of a wheel on that side; ``wheel`` for another wheel; else empty.
+
+    ``joint_left_wheel``, ``wheel_left_joint``, ``leftWheel``, ``fl_wheel``, ``robot/l_wheel_joint`` are left wheels.
+    Casters, suspensions and steering joints are none.
+    """
+    words = set(_words(name))
+    if words & _PASSIVE or not words & _WHEEL:
+        return ""
+    left, right = bool(words & _LEFT), bool(words & _RIGHT)
+    if left == right:
+        return "wheel"
+    return "left" if left else "right"
+
+
+def is_passive(name: str) -> bool:
+    """Whether a name is that of a caster, a suspension or a steering joint."""
+    return bool(set(_words(name)) & _PASSIVE)
+
+
+def _words(name: str) -> list[str]:
+    """Lower-case words of a name; words written together, such as ``leftwheel``, are split."""
+    found = []
+    for word in (match.lower() for match in _WORDS.findall(name)):
+        while prefix := next((p for p in _PREFIXES if word.startswith(p) and word not in (p, "wheels")), None):
+            found.append(prefix)
+            word = word[len(prefix) :]
+        ends_in = next((end for end in _ENDINGS if word.endswith(end) and word != end), None)
+        found += [word[: -len(ends_in)], ends_in] if ends_in else [word]
+    return found
 
 
 def _given(model: mujoco.MjModel, names: str, side: str, path: Path) -> list[int]:

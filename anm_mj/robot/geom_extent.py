@@ -1,13 +1,26 @@
-"""Extents of geoms by their support functions: exact for MuJoCo's primitives and for meshes."""
+"""Extents of geoms by their support functions, exact for MuJoCo's primitives and for meshes, and the space that a robot
+sweeps: an upright cylinder about its base.
+"""
 
 import math
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.errors import RobotError
+from anm_mj.robot.body_tree import solid_geoms
+from anm_mj.types import Footprint
+
 _NUM_DIRECTIONS = 720
 """Directions about the vertical axis, half a degree apart: the error is 1e-5 of a corner's distance."""
+FOOTPRINT_MARGIN_M = 0.01
+"""The footprint is wider than the robot by this margin [m]."""
+WIDEST_M, HIGHEST_M = 2.0, 4.0
+"""Larger robots, by radius and height, are not in metres [m]."""
+LOWEST_M = 0.05
+"""Rugs and thresholds below this height are no obstacles [m]; scenes have no collision boxes there either."""
 
 
 def support_m(
@@ -29,6 +42,34 @@ def height_range_m(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tup
     """Lowest and highest point of a geom in the world [m]."""
     down, up = support_m(model, data, geom, np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
     return -float(down), float(up)
+
+
+def robot_footprint(
+    model: mujoco.MjModel, data: mujoco.MjData, T_world_base: Float[np.ndarray, "4 4"]
+) -> tuple[Footprint, float]:
+    """The upright cylinder about the base that encloses the robot, joints locked, and the robot's own radius [m]."""
+    solid = solid_geoms(model)
+    floor_z = float(T_world_base[2, 3])
+    radius = max(radius_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)
+    # Wheels count: what passes below a high body does not pass below them.
+    heights = [height_range_m(model, data, g) for g in solid]
+    lowest, highest = min(low for low, _ in heights) - floor_z, max(high for _, high in heights) - floor_z
+    footprint = Footprint(
+        radius_m=round(radius + FOOTPRINT_MARGIN_M, 6),
+        z_min_m=round(max(lowest, LOWEST_M), 6),
+        z_max_m=round(max(highest, LOWEST_M + 0.05), 6),
+    )
+    return footprint, round(radius, 6)
+
+
+def require_size(footprint: Footprint, path: Path) -> None:
+    """Accept a robot that fits buildings. Raises RobotError if it is too large, as in a file in centimetres."""
+    if footprint.radius_m > WIDEST_M or footprint.z_max_m > HIGHEST_M:
+        raise RobotError(
+            f"The robot {path} is {2.0 * footprint.radius_m:.3g} m across and {footprint.z_max_m:.3g} m high; MuJoCo's "
+            "unit is the metre: scale the file, or choose a key frame in which it is compact by --set "
+            "model.keyframe=NAME."
+        )
 
 
 def _local_support(model: mujoco.MjModel, geom: int, d: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:

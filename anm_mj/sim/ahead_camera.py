@@ -55,7 +55,7 @@ class AheadCamera(Camera):
         self.kind = self._camera.kind
         self._model = self._camera._model
         self._camera_id = self._camera._camera_id
-        self._intrinsics = self._camera.intrinsics
+        self.intrinsics = self._camera.intrinsics
         self._begun: list[_Begun] = []
         self._closed = False
 

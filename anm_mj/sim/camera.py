@@ -41,12 +41,8 @@ class Camera(ABC):
             raise RenderError(
                 f'Camera "{camera_name}" is given by a sensor size; give it by its field of view (fovy) instead.'
             )
-        self._intrinsics = Intrinsics.from_fov(width, height, math.radians(model.cam_fovy[self._camera_id]))
-
-    @property
-    def intrinsics(self) -> Intrinsics:
+        self.intrinsics = Intrinsics.from_fov(width, height, math.radians(model.cam_fovy[self._camera_id]))
         """The exact pinhole model of the images."""
-        return self._intrinsics
 
     def T_world_camera(self, data: mujoco.MjData) -> Float[np.ndarray, "4 4"]:
         """Camera to world; camera axes x right, y down, z forward."""

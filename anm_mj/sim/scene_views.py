@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from anm_mj.mjcf.poses import quaternion_of
 from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.camera import Camera
@@ -49,7 +50,9 @@ class SceneViews:
         self._scene, self._backend = scene, backend
         spec = build_spec(scene)
         eye = spec.worldbody.add_body(name="eye", mocap=True)
-        eye.add_camera(name="eye", fovy=90.0, quat=_quat((0.0, -1.0, 0.0)))
+        # Level, its axes x right, y up and z backward.
+        axes = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        eye.add_camera(name="eye", fovy=90.0, quat=quaternion_of(axes))
         width_m = float(np.ptp(scene.bounds_m[:, :2], axis=0).max()) + 0.5
         # From so far away that floor and cut have nearly the same scale, and the picture fits the plan.
         self._height_m = 30.0 * width_m
@@ -114,10 +117,3 @@ class SceneViews:
 
 def _same(a: Float32[np.ndarray, "h w"], b: Float32[np.ndarray, "h w"], tolerance_m: float) -> float:
     return float(((np.abs(a - b) < tolerance_m) | (np.isnan(a) & np.isnan(b))).mean())
-
-
-def _quat(right: tuple[float, float, float]) -> list[float]:
-    """Quaternion (wxyz) of a level camera from its right-hand direction."""
-    up, quat = np.array([0.0, 0.0, 1.0]), np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.stack([np.array(right), up, np.cross(right, up)], axis=1).ravel())
-    return quat.tolist()

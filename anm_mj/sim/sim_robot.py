@@ -112,19 +112,10 @@ class SimRobot:
 
     def joints(self) -> tuple[list[str], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Names of the robot's joints, their positions [rad, m] and velocities [rad/s, m/s]."""
-        model = self.model
-        found = [
-            joint
-            for joint in map(model.joint, range(model.njnt))
-            if joint.name.startswith("robot/") and joint.type[0] in _JOINTS
-        ]
-        positions, velocities = (
-            np.array([values[address[0]] for address in addresses], float)
-            for values, addresses in (
-                (self.data.qpos, [joint.qposadr for joint in found]),
-                (self.data.qvel, [joint.dofadr for joint in found]),
-            )
-        )
+        joints = map(self.model.joint, range(self.model.njnt))
+        found = [joint for joint in joints if joint.name.startswith("robot/") and joint.type[0] in _JOINTS]
+        positions = np.array([self.data.qpos[joint.qposadr[0]] for joint in found], float)
+        velocities = np.array([self.data.qvel[joint.dofadr[0]] for joint in found], float)
         return [joint.name.removeprefix("robot/") for joint in found], positions, velocities
 
     def true_view(self) -> TrueView:
@@ -215,7 +206,7 @@ class SimRobot:
         ``seed`` is that of the sensor's errors from now on; None = as before.
         """
         if self._ahead is not None:
-            self._ahead.forget()
+            self._ahead.give_up()  # Noise of another seed comes next, which no state tells.
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)

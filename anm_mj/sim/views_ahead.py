@@ -73,10 +73,6 @@ class ViewsAhead:
         """That the action in the copy began in."""
         self._result: Future[ActionResult] = Future()
 
-    def __len__(self) -> int:
-        """Actions whose images were begun and not shown yet."""
-        return len(self._coming)
-
     def begin(self, *actions: Action) -> None:
         """Begin the images after actions; see :class:`anm_mj.protocols.Anticipates`."""
         if self._copied is not None:
@@ -84,7 +80,7 @@ class ViewsAhead:
         pairs = zip(self._coming, actions, strict=False)
         wrong = next((k for k, (known, action) in enumerate(pairs) if known.action != action), None)
         if wrong is not None:
-            self._give_up(wrong)
+            self.give_up(wrong)
         for number in range(len(self._coming), len(actions)):
             if isinstance(self._drive, KinematicDrive):
                 self._roll(self._drive, actions[: number + 1])
@@ -98,7 +94,7 @@ class ViewsAhead:
             return None
         is_it = self._coming[0].action is action and self._state == drive.state
         if not is_it or self._result.exception() is not None:
-            self._give_up(0)
+            self.give_up()
             return None
         drive.take_over(copied)
         self._state = b""
@@ -111,11 +107,8 @@ class ViewsAhead:
         del self._coming[:done]
         return next((said for depth_m, number, said in self._measured if depth_m is exact_m and number == frame), None)
 
-    def forget(self) -> None:
-        """Give up all actions that were begun: noise of another seed comes next, which no state tells."""
-        self._give_up(0)
-
-    def _give_up(self, keep: int) -> None:
+    def give_up(self, keep: int = 0) -> None:
+        """Forget the actions that were begun, but for the first ``keep``."""
         self._camera.give_up(keep)
         self._spare += [one.data for one in self._coming[keep:]]
         del self._coming[keep:]
