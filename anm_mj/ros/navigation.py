@@ -1,6 +1,5 @@
 """Goals for a navigation that is not ours: the topic ``goal_pose``, or the action ``NavigateToPose`` of nav2."""
 
-import math
 import secrets
 import threading
 from collections.abc import Callable
@@ -10,7 +9,7 @@ import numpy as np
 
 from anm_mj.ros.names import MAP
 from anm_mj.ros.node import STATE, Node
-from anm_mj.ros.services import Client, ServiceKind, register_type
+from anm_mj.ros.services import Client, ServiceKind
 from anm_mj.types import Pose2
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
@@ -29,11 +28,6 @@ CANCEL = ServiceKind(
     f"{_UUID}builtin_interfaces/Time stamp\n",
     "int8 return_code\naction_msgs/GoalInfo[] goals_canceling\n",
 )
-FEEDBACK = f"{_NAME}_FeedbackMessage"
-FEEDBACK_FIELDS = (
-    f"{_UUID}geometry_msgs/PoseStamped current_pose\nbuiltin_interfaces/Duration navigation_time\n"
-    "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\nfloat32 distance_remaining\n"
-)
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """Of ``action_msgs/GoalStatus``."""
 
@@ -43,8 +37,6 @@ class Told(NamedTuple):
 
     is_over: bool = False
     reached: bool = False
-    left_m: float = math.inf
-    """Of the way [m]; +inf where it does not say."""
 
 
 @runtime_checkable
@@ -93,11 +85,9 @@ class NavigateAction:
         """Look for the server."""
         self._node, self._goal = node, b""
         self._told, self._lock = Told(), threading.Lock()
-        register_type(node.messages.store, FEEDBACK, FEEDBACK_FIELDS)
         self._send = Client(node, f"{ACTION}/_action/send_goal", SEND_GOAL)
         self._result = Client(node, f"{ACTION}/_action/get_result", GET_RESULT)
         self._cancel = Client(node, f"{ACTION}/_action/cancel_goal", CANCEL)
-        node.subscribe(f"{ACTION}/_action/feedback", FEEDBACK, self._feedback, STATE)
 
     @property
     def is_there(self) -> bool:
@@ -134,11 +124,6 @@ class NavigateAction:
     def _ask(self, number: bytes) -> None:
         over = self._about(number, lambda reply: Told(is_over=True, reached=reply.status == SUCCEEDED))
         self._result.call(over, goal_id=self._uuid(number))
-
-    def _feedback(self, message: Any, _: int) -> None:
-        with self._lock:
-            if message.goal_id.uuid.tobytes() == self._goal and not self._told.is_over:
-                self._told = Told(left_m=message.distance_remaining)
 
     def _about(self, number: bytes, tell: Callable[[Any], Told | None]) -> Callable[[Any], None]:
         """Takes in a reply, if it is about the present goal."""

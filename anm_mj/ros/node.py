@@ -13,15 +13,17 @@ from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct
+from cyclonedds.idl import types as idl
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from rosbags.interfaces import Nodetype
 
 from anm_mj.errors import ConfigError, RobotError
 from anm_mj.io.ros_messages import RosMessages
-from anm_mj.ros.dds_types import DdsTypes
 from anm_mj.ros.network import domain, domain_id, network_config
 
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
@@ -30,6 +32,14 @@ _BLOCKING_S = 0.02
 _POLL_S = 0.2
 """The thread of the subscriptions looks so often whether it is to end [s]."""
 _NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
+_NUMBERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64")
+_BASE = {name: getattr(idl, name) for name in _NUMBERS} | {
+    "bool": bool,
+    "string": str,
+    "byte": idl.uint8,
+    "char": idl.uint8,
+    "octet": idl.uint8,
+}
 
 Heard = Callable[[Any, int], object]
 """Called with a message, and a number that stands for its publisher."""
@@ -37,6 +47,37 @@ Parse = Callable[[bytes], Any]
 """Makes a message of what was received."""
 
 _logger = logging.getLogger(__name__)
+
+
+class DdsTypes:
+    """Makes the types of DDS for messages, such as ``sensor_msgs::msg::dds_::Image_``, by the definitions of rosbags.
+
+    The types only tell peers what is sent: messages are serialised by rosbags, because a Python list of numbers for
+    each image would cost a hundred times as much.
+    """
+
+    def __init__(self, store: Any) -> None:
+        self._store = store
+        self._made: dict[str, type] = {}
+
+    def of(self, kind: str) -> type:
+        """The type of DDS of a message type such as ``sensor_msgs/msg/Image``."""
+        if kind not in self._made:
+            package, group, leaf = kind.split("/")
+            fields = {name: self._field(found) for name, found in self._store.fielddefs[kind][1]}
+            self._made[kind] = make_idl_struct(f"{leaf}_", f"{package}.{group}.dds_.{leaf}_", fields)
+        return self._made[kind]
+
+    def _field(self, found: Any) -> Any:
+        node, of = found
+        if node == Nodetype.BASE:
+            return _BASE[of[0]]
+        if node == Nodetype.NAME:
+            return self.of(of)
+        inner, count = self._field(of[0]), of[1]
+        if node == Nodetype.ARRAY:
+            return idl.array[inner, count]
+        return idl.sequence[inner, count] if count else idl.sequence[inner]
 
 
 class Delivery(NamedTuple):
@@ -70,8 +111,6 @@ class Publisher:
 
     def __init__(self, writer: Any, messages: RosMessages, topic: str) -> None:
         self._writer, self._messages, self.topic = writer, messages, topic
-        self.num_lost = 0
-        """Messages that a slow reliable subscriber had no room for."""
 
     def publish(self, message: Any) -> None:
         """Send a message to all subscribers; one that has no room for it does not get it."""
@@ -81,9 +120,8 @@ class Publisher:
         """Send a message that is serialised already."""
         # DDS counts in words.
         status = ddspy_write(self._writer._ref, cdr.ljust(-(-len(cdr) // 4) * 4, b"\0"))
-        if status == DDSException.DDS_RETCODE_TIMEOUT:
-            self.num_lost += 1
-        elif status < 0:
+        # A timeout: a slow reliable subscriber had no room for it.
+        if status < 0 and status != DDSException.DDS_RETCODE_TIMEOUT:
             raise RobotError(f"{self.topic} cannot be published ({DDSException(status)}); start the program again.")
 
     @property
