@@ -1,4 +1,4 @@
-"""The exploration task: cover as much surface as possible within a number of steps."""
+"""The exploration task: cover as much surface as possible within a number of steps, and what an action is worth."""
 
 import math
 from collections import OrderedDict
@@ -14,7 +14,6 @@ from anm_mj.environments.actions import action_spec, read_action
 from anm_mj.environments.environment_config import REACH_M, EnvironmentConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
-from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import relative_pose, wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced, reduce_depth
@@ -22,13 +21,50 @@ from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
 from anm_mj.scene.starts import sample_start
-from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
+from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Pose2
 
 
 def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
     """Depth in the convention of depth cameras [m]: 0, not NaN or infinite, where nothing was measured in range."""
     # NaN and infinity fail the comparison.
     return np.where(depth_m <= MAX_DEPTH_M, depth_m, np.float32(0.0))
+
+
+def reward_spec(kind: str) -> specs.Array:
+    """Bounds of a reward of one kind."""
+    if kind == "surface":
+        return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
+    if kind == "area":
+        return specs.BoundedArray((), float, 0.0, np.inf, name="reward")
+    return specs.Array((), float, name="reward")
+
+
+class Reward:
+    """The growth, from view to view, of what is known.
+
+    ``surface``: the newly covered fraction of the observable surface, in [0, 1]. ``area``: newly observed area of the
+    top-down map [m2]. ``information``: what the occupancy grid gained [bits]; less than zero where a view contradicts
+    it.
+    """
+
+    def __init__(self, kind: str, local_map: LocalMap | None) -> None:
+        """Start an episode; ``kind`` is what counts, as ``EnvironmentConfig.reward`` says; ``surface`` needs no map."""
+        self._kind = kind
+        self._map = local_map
+        self.known = 0.0
+        """What is known so far, in the unit of the reward."""
+
+    def of_view(self, new_surface: float) -> float:
+        """The reward of a view that is in the map by now.
+
+        ``new_surface`` is the fraction of the observable surface that it is the first to cover, in [0, 1].
+        """
+        before = self.known
+        if self._map is None or self._kind == "surface":
+            self.known += new_surface
+            return new_surface
+        self.known = self._map.area_m2 if self._kind == "area" else self._map.information_bits
+        return self.known - before
 
 
 class ExploreTask(control.Task):
@@ -43,7 +79,8 @@ class ExploreTask(control.Task):
         """
         self.seed(seed)
         self._scenes = scenes
-        self._scene = scenes[0]
+        self.scene = scenes[0]
+        """The scene of the present episode."""
         self._config = config
         self._footprint = footprint
         self._fixed_start = None if config.start is None else self.require_clear_start(config.start)
@@ -62,14 +99,9 @@ class ExploreTask(control.Task):
         self._noise = np.random.default_rng([seed, 13])
 
     @property
-    def scene(self) -> Scene:
-        """The scene of the present episode."""
-        return self._scene
-
-    @property
     def num_steps(self) -> int:
         """Steps until truncation, in the scene of the present episode."""
-        return self._config.num_steps or min(default_steps(self._scene), self._config.max_steps)
+        return self._config.num_steps or min(default_steps(self.scene), self._config.max_steps)
 
     @property
     def coverage(self) -> float:
@@ -79,18 +111,8 @@ class ExploreTask(control.Task):
     @property
     def people_m(self) -> float:
         """Distance between the robot's body and the nearest person's [m]; infinite among nobody."""
-        people = self._true.people
+        people = self.true.people
         return math.inf if people is None else people.nearest_m
-
-    @property
-    def view(self) -> Observation:
-        """The last observation, with the poses that the robot believes; hidden from the learner."""
-        return self._view
-
-    @property
-    def true_pose(self) -> Pose2:
-        """Where the base stands in the world; hidden from the learner."""
-        return self._true.pose
 
     def require_clear_start(self, start: tuple[float, float, float]) -> Pose2:
         """The start x [m], y [m], yaw [deg] as a pose. Raises SceneError if the robot does not fit at the pose."""
@@ -108,24 +130,24 @@ class ExploreTask(control.Task):
         given = self._next_start or self._fixed_start
         self._next_start = None
         which = int(self.random.integers(len(self._scenes))) if len(self._scenes) > 1 else 0
-        self._scene = self._scenes[which]
-        self._start = given or sample_start(self._scene, self._footprint, self.random)
+        self.scene = self._scenes[which]
+        self._start = given or sample_start(self.scene, self._footprint, self.random)
         self._stopped, self._steps = False, 0
-        physics.place(self._scene, self._start, int(self._noise.integers(1 << 31)))
-        self._view = physics.observe()
+        physics.place(self.scene, self._start, int(self._noise.integers(1 << 31)))
+        self._look(physics)
         # All random starts lie in one connected area, so they share its observable surface.
         key = which, given
         if key not in self._surfaces:
             if given is not None:  # Starts that were given may differ in every episode.
                 self._surfaces = {key: grid for key, grid in self._surfaces.items() if key[1] is None}
-            self._surfaces[key] = observable_surface(self._scene, self._footprint, self._view, self._start)
+            self._surfaces[key] = observable_surface(self.scene, self._footprint, self.view, self._start)
         self._covered = IncrementalCoverage(self._surfaces[key])
         config = self._config
         needs_map = config.topdown or config.distance or config.reward != "surface"
         self._map = LocalMap(self._footprint) if needs_map else None
         self.reward = Reward(config.reward, self._map)
         """Of the present episode."""
-        self._add_view(physics)
+        self._add_view()
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
         """Set the action of the next step. Raises TaskError for an invalid action."""
@@ -136,11 +158,11 @@ class ExploreTask(control.Task):
     def after_step(self, physics: RobotPhysics) -> None:
         """Take a view after the action."""
         self._steps += not self._stopped
-        self._view = physics.observe()
-        self._add_view(physics)
+        self._look(physics)
+        self._add_view()
 
     def get_reward(self, physics: RobotPhysics) -> float:
-        """What the last step brought; see :class:`anm_mj.environments.reward.Reward`."""
+        """What the last step brought; see :class:`Reward`."""
         del physics
         return self._last_reward
 
@@ -162,16 +184,16 @@ class ExploreTask(control.Task):
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, np.ndarray]:
         """The learner's observation; see ``observation_spec``."""
         del physics
-        here = relative_pose(self._start, self._view.pose)
+        here = relative_pose(self._start, self.view.pose)
         observation = OrderedDict(
-            rgb=self._view.rgb,
-            depth=sensed_depth(self._view.depth_m),
+            rgb=self.view.rgb,
+            depth=sensed_depth(self.view.depth_m),
             pose=np.array([here.x_m, here.y_m, here.yaw_rad], np.float32),
         )
         if self._map is not None and self._config.topdown:
-            observation["topdown"] = self._map.crop(self._view.pose)
+            observation["topdown"] = self._map.crop(self.view.pose)
         if self._map is not None and self._config.distance:
-            observation["distance"] = self._map.distance(self._view.pose)
+            observation["distance"] = self._map.distance(self.view.pose)
         return observation
 
     def observation_spec(self, physics: RobotPhysics) -> OrderedDict[str, specs.BoundedArray]:
@@ -198,11 +220,15 @@ class ExploreTask(control.Task):
             spec["distance"] = specs.BoundedArray((CELLS, CELLS), np.float32, -limit, limit, name="distance")
         return spec
 
-    def _add_view(self, physics: RobotPhysics) -> None:
-        view, true = self._view, physics.robot.true_view()
-        self._true = true
-        points = back_project_reduced(reduce_depth(true.depth_m), view.intrinsics, true.T_world_camera)
-        new = self._covered.add(points)
+    def _look(self, physics: RobotPhysics) -> None:
+        self.view = physics.robot.observe()
+        """The last observation, with the poses that the robot believes; hidden from the learner."""
+        self.true = physics.robot.true_view()
+        """What it was truly made of; hidden from the learner."""
+
+    def _add_view(self) -> None:
+        depth = reduce_depth(self.true.depth_m)
+        new = self._covered.add(back_project_reduced(depth, self.view.intrinsics, self.true.T_world_camera))
         if self._map is not None:
-            self._map.add(view)
+            self._map.add(self.view)
         self._last_reward = self.reward.of_view(new)

@@ -64,17 +64,8 @@ class Crowd:
         robot_radius_m: float,
         seed: int,
     ) -> None:
-        """Place everybody.
-
-        Args:
-            config: how many, and how they walk.
-            floor: where they walk.
-            robot_xy_m: where the robot starts [m].
-            robot_radius_m: of its body [m].
-            seed: of all that is random about them.
-
-        Raises:
-            SceneError: the floor has no room for so many, or too few doorways for their doors.
+        """Place everybody around a robot of this radius, which starts at a place [m]; ``seed`` is that of all that is
+        random about them. Raises SceneError if the floor has no room for so many, or too few doorways for their doors.
         """
         self.config, self.floor = config, floor
         self._robot_radius_m = robot_radius_m

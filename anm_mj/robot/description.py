@@ -16,10 +16,16 @@ from jaxtyping import Float
 from anm_mj.errors import RobotError
 from anm_mj.mjcf.poses import body_pose, camera_pose
 from anm_mj.mjcf.read_mjcf import OutsideError, compile_spec, read_spec
-from anm_mj.robot.body_tree import CompiledRobot, name_all, solid_geoms, unused_name
-from anm_mj.robot.camera_config import CameraConfig
+from anm_mj.robot.compiled_robot import (
+    CompiledRobot,
+    height_range_m,
+    name_all,
+    require_size,
+    robot_footprint,
+    solid_geoms,
+    unused_name,
+)
 from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
-from anm_mj.robot.geom_extent import height_range_m, require_size, robot_footprint
 from anm_mj.robot.isolate import give_free_joint, hangs_on_joint, isolate_robot, lock_joints
 from anm_mj.robot.joint_positions import at_key_frame
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
@@ -35,7 +41,7 @@ from anm_mj.robot.robot_camera import (
     upright_camera,
     use_field_of_view,
 )
-from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import (

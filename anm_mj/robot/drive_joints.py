@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import joints_above, subtree
-from anm_mj.robot.geom_extent import height_range_m
+from anm_mj.robot.compiled_robot import height_range_m, joints_above, subtree
 from anm_mj.robot.robot_config import RobotConfig
 
 HOLONOMIC = "holonomic"

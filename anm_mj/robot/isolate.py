@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import rigid_transform
 from anm_mj.mjcf.poses import body_pose, set_pose
-from anm_mj.robot.body_tree import joints_above, name_all
+from anm_mj.robot.compiled_robot import joints_above, name_all
 
 ROBOT_GROUP = 1
 """Group of the robot's geoms: visible in viewers, hidden from the robot's own camera."""

@@ -5,8 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.mjcf.poses import set_pose
-from anm_mj.robot.body_tree import solid_geoms, unused_name
-from anm_mj.robot.geom_extent import height_range_m
+from anm_mj.robot.compiled_robot import height_range_m, solid_geoms, unused_name
 from anm_mj.robot.isolate import remove_joints
 from anm_mj.robot.reduced_model import PLANAR_JOINTS
 from anm_mj.robot.servos import make_velocity_servo

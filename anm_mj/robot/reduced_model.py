@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.mjcf.poses import quaternion_of
-from anm_mj.robot.body_tree import subtree
+from anm_mj.robot.compiled_robot import subtree
 
 LOOK_AHEAD_M = 0.15
 """Distance of the site ``look_ahead`` in front of the axle [m]."""

@@ -11,9 +11,8 @@ from jaxtyping import Float
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV
 from anm_mj.mjcf.poses import body_pose, camera_pose, quaternion_of, set_pose
-from anm_mj.robot.body_tree import CompiledRobot, solid_geoms, unused_name
-from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, CameraPose, RobotConfig
+from anm_mj.robot.compiled_robot import CompiledRobot, solid_geoms, unused_name
+from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, CameraConfig, CameraPose, RobotConfig
 
 CAMERA = "camera"
 _ASIDE_DEG = 30.0

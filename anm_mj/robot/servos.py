@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from anm_mj.robot.body_tree import unused_name
+from anm_mj.robot.compiled_robot import unused_name
 
 _KV_PER_INERTIA = 2.0 / (9.6 * 0.05**2)
 """Gain of a motor per mass times squared wheel radius [1/s], scaled from the servos of ``models/diff_drive``."""

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import CompiledRobot, unused_name
-from anm_mj.robot.geom_extent import height_range_m, support_m
+from anm_mj.robot.compiled_robot import CompiledRobot, height_range_m, support_m, unused_name
 
 ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""

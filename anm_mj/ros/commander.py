@@ -55,13 +55,8 @@ def free_way_m(
 
 
 def is_way_blocked(way_m: float, forward_mps: float, reach_m: float, config: RosConfig) -> bool:
-    """Whether a robot that goes forward must stop for what it would meet, way to rest included.
-
-    Args:
-        way_m: What :func:`free_way_m` gave [m].
-        forward_mps: How fast the robot is now [m/s].
-        reach_m: It is to stop within so far anyway [m].
-        config: Radius, clearance and braking of the robot.
+    """Whether a robot that goes forward at a speed [m/s] must stop for what it would meet, way to rest included.
+    ``way_m`` is what :func:`free_way_m` gave; it is to stop within ``reach_m`` anyway [m].
     """
     speed = max(forward_mps, 0.0)
     braking_m = speed * _REACTION_S + speed**2 / (2.0 * config.forward_mps2)

@@ -13,8 +13,8 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import back_project, move_pose, pose_matrix, relative_pose, wrap_angle
 from anm_mj.ros.commander import PERIOD_S, STILL, Commander, free_way_m
 from anm_mj.ros.drive_config import DriveConfig
-from anm_mj.ros.goal_driver import GoalDriver
 from anm_mj.ros.health import Health
+from anm_mj.ros.navigation import GoalDriver
 from anm_mj.ros.poses import Poses
 from anm_mj.ros.rgbd_intake import Rgbd, RgbdIntake
 from anm_mj.types import (

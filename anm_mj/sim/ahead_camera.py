@@ -10,10 +10,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import mujoco
-import numpy as np
-from jaxtyping import Float32, UInt8
 
-from anm_mj.sim.camera import Camera
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.utils.threads import lent_core
 
 _READ = (
@@ -33,12 +31,9 @@ _READ = (
 """What images are made of."""
 
 
-_Image = tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]
-
-
 class _Begun(NamedTuple):
     data: mujoco.MjData
-    image: Future[_Image]
+    image: Future[Image]
 
 
 class AheadCamera(Camera):
@@ -68,7 +63,7 @@ class AheadCamera(Camera):
         self,
         data: mujoco.MjData,
         prepare: Callable[[], object] = lambda: None,
-        finish: Callable[[_Image], object] = lambda _: None,
+        finish: Callable[[Image], object] = lambda _: None,
     ) -> None:
         """Begin the image after those that were begun, and return at once.
 
@@ -88,7 +83,7 @@ class AheadCamera(Camera):
             if not image.cancel():
                 image.exception()
 
-    def render(self, data: mujoco.MjData) -> _Image:
+    def render(self, data: mujoco.MjData) -> Image:
         """The first image that was begun, if it is the one; else another, and all others are given up.
 
         See :meth:`Camera.render`.
@@ -111,8 +106,8 @@ class AheadCamera(Camera):
             self._thread.shutdown()
 
     def _render_beside(
-        self, data: mujoco.MjData, prepare: Callable[[], object], finish: Callable[[_Image], object]
-    ) -> _Image:
+        self, data: mujoco.MjData, prepare: Callable[[], object], finish: Callable[[Image], object]
+    ) -> Image:
         with lent_core():
             prepare()
             image = self._camera.render(data)

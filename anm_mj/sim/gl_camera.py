@@ -16,10 +16,10 @@ from contextlib import contextmanager, suppress
 
 import mujoco
 import numpy as np
-from jaxtyping import Float32, Int, UInt8
+from jaxtyping import Float32, Int
 
 from anm_mj.errors import RenderError
-from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
+from anm_mj.sim.camera import VISIBLE_GROUPS, Camera, Image
 from anm_mj.sim.culling import Culling, is_worth_culling
 from anm_mj.sim.gl import forget_backend
 from anm_mj.sim.mipmap import smooth_mipmaps
@@ -76,7 +76,7 @@ class GlCamera(Camera):
         self._rgb = np.empty((height, width, 3), np.uint8)
         self._depth = np.empty((height, width), np.float32)
 
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Render colour and depth; see :meth:`Camera.render`."""
         if self._gl_context is None:
             raise RenderError("This camera is closed; make a new GlCamera to render again.")
@@ -89,9 +89,7 @@ class GlCamera(Camera):
             if self.culling.accept(depth_m):
                 return rgb, depth_m
 
-    def _draw(
-        self, data: mujoco.MjData, skipped: Int[np.ndarray, " n"]
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def _draw(self, data: mujoco.MjData, skipped: Int[np.ndarray, " n"]) -> Image:
         categories = mujoco.mjtCatBit.mjCAT_STATIC | mujoco.mjtCatBit.mjCAT_DYNAMIC
         groups = self._model.geom_group[skipped].copy()
         try:

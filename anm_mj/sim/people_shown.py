@@ -46,13 +46,8 @@ class PeopleShown:
         intrinsics: Intrinsics,
         exact_m: Float32[np.ndarray, "h w"],
     ) -> Shown:
-        """Where an image shows them.
-
-        Args:
-            data: what the image shows, with poses of bodies up to date.
-            T_world_camera: camera to world (camera axes x right, y down, z forward).
-            intrinsics: the camera.
-            exact_m: exact planar depth of the image [m].
+        """Where an image with this exact planar depth [m] shows them; camera axes are x right, y down, z forward.
+        Poses of bodies in ``data`` are up to date.
         """
         view = data, T_world_camera, pixel_directions(intrinsics), exact_m
         return Shown(self._moving.shown(*view), None if self._standing is None else self._standing.shown(*view))

@@ -5,11 +5,11 @@ Their depth is as exact as that of :class:`anm_mj.sim.gl_camera.GlCamera`. They 
 
 import mujoco
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float32, Int32
 
 from anm_mj.errors import RenderError
 from anm_mj.frames import pixel_directions
-from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
+from anm_mj.sim.camera import VISIBLE_GROUPS, Camera, Image
 from anm_mj.sim.mipmap import MipmapTextures
 from anm_mj.sim.moved_rays import MovedRays, cast_rays
 from anm_mj.sim.render_mesh import are_moved, are_static_meshes, mean_colours, render_mesh, visible_geoms
@@ -25,9 +25,7 @@ class _RayCamera(Camera):
         self._znear_m = float(model.vis.map.znear * model.stat.extent)
         self._zfar_m = float(model.vis.map.zfar * model.stat.extent)
 
-    def _images(
-        self, rgb: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def _images(self, rgb: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> Image:
         shape = (self.intrinsics.height, self.intrinsics.width)
         return (rgb + 0.5).clip(0.0, 255.0).astype(np.uint8).reshape(*shape, 3), depth_m.reshape(shape)
 
@@ -57,7 +55,7 @@ class EmbreeCamera(_RayCamera):
         self._texels_per_m = _texels_per_m(mesh.vertices_m[mesh.faces], mesh.uv, mesh.texture, self._textures)
         self._pixel_size = np.float32(1.0 / self.intrinsics.fy)
 
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Render colour and depth; see :meth:`Camera.render`."""
         T_world_camera = self.T_world_camera(data)
         directions = (self._directions @ T_world_camera[:3, :3].T).astype(np.float32)
@@ -100,7 +98,7 @@ class MujocoRayCamera(_RayCamera):
         self._groups = np.array([group in VISIBLE_GROUPS for group in range(mujoco.mjNGROUP)], np.uint8)
         self._colours = 255.0 * mean_colours(model)
 
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Render colour and depth; see :meth:`Camera.render`."""
         cutoff_m = self._zfar_m * float(np.linalg.norm(self._directions, axis=1).max())
         view = self._model, data, self.T_world_camera(data), self._directions

@@ -11,7 +11,7 @@ from jaxtyping import Float32, UInt8
 from anm_mj.mjcf.poses import quaternion_of
 from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
-from anm_mj.sim.camera import Camera
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.sim.gl_camera import GlCamera
@@ -80,9 +80,7 @@ class SceneViews:
         try:
             camera = make_camera(self._model, "above", size_px, size_px, cull_face=False, backend=self._backend)
             with closing(camera):
-                mujoco.mj_kinematics(self._model, self._data)
-                mujoco.mj_camlight(self._model, self._data)
-                rgb, depth_m = camera.render(self._data)
+                rgb, depth_m = self._render(camera)
                 return np.where(np.isnan(depth_m)[..., None], np.array(NOTHING, np.uint8), rgb)
         finally:
             vis.znear, vis.zfar = before
@@ -105,11 +103,12 @@ class SceneViews:
         changed, exact = np.mean(fractions, axis=0)
         return BackfaceCheck(float(changed), float(exact))
 
-    def _render_from(
-        self, camera: Camera, pose: Pose2
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def _render_from(self, camera: Camera, pose: Pose2) -> Image:
         self._data.mocap_pos[0] = (pose.x_m, pose.y_m, EYE_HEIGHT_M)
         self._data.mocap_quat[0] = (math.cos(pose.yaw_rad / 2), 0.0, 0.0, math.sin(pose.yaw_rad / 2))
+        return self._render(camera)
+
+    def _render(self, camera: Camera) -> Image:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         return camera.render(self._data)

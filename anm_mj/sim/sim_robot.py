@@ -12,7 +12,7 @@ from anm_mj.people.crowd import Crowd
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
-from anm_mj.sim.camera import Camera
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.sim.drives.trail import Trail
@@ -21,7 +21,7 @@ from anm_mj.sim.people_shown import PeopleShown, true_people
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.views_ahead import Image, ViewsAhead, frame_number, update_poses
+from anm_mj.sim.views_ahead import ViewsAhead, frame_number, update_poses
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -50,21 +50,12 @@ class SimRobot:
         knows_start: bool = True,
         copied: PhysicsDrive | None = None,
     ):
-        """Combine the parts.
+        """Combine the parts; ``seed`` is that of the errors of ``sensor`` (None = none), ``copied`` as of
+        :class:`~.views_ahead.ViewsAhead`.
 
-        Args:
-            model: the model of camera and drive.
-            data: of that model.
-            camera: renders the observations.
-            drive: moves the robot.
-            footprint: must stay clear of obstacles.
-            T_base_camera: camera to base (camera axes x right, y down, z forward). Given, observations report poses by
-                wheel odometry; None, true poses.
-            robot_hash: identifies the robot.
-            sensor: errors of camera and odometry; None = none.
-            seed: of these errors.
-            knows_start: whether odometry begins at the true pose; else it begins at zero, wherever the robot stands.
-            copied: as of :class:`~.views_ahead.ViewsAhead`.
+        With ``T_base_camera``, camera to base (camera axes x right, y down, z forward), observations report poses by
+        wheel odometry; without, true poses. Odometry begins at the true pose if the robot ``knows_start``, else at
+        zero, wherever it stands.
         """
         self.model = model
         self.data = data

@@ -16,17 +16,16 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32
 
 from anm_mj.people.crowd import Crowd
 from anm_mj.sim.ahead_camera import AheadCamera
+from anm_mj.sim.camera import Image
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.sim.drives.trail import Trail
 from anm_mj.types import Action, ActionResult
 
-Image = tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]
-"""Colours, and planar depth [m]."""
 _AT_ONCE = 2
 """So many images may have been begun."""
 
@@ -53,15 +52,10 @@ class ViewsAhead:
         delay_s: float,
         measure: Callable[[Image, int], Image],
     ) -> None:
-        """Begin with none.
+        """Begin with none of ``drive``'s actions; images are late by ``delay_s``.
 
-        Args:
-            model: the model of camera and drives.
-            camera: renders the images.
-            drive: whose actions they are.
-            copied: another drive of the same robot, on data of its own; None for one whose actions take no time.
-            delay_s: how late images are [s].
-            measure: what the sensor makes of an exact image and the number of its frame; may be called in any thread.
+        ``copied`` is another drive of the same robot, on data of its own; None for one whose actions take no time.
+        ``measure`` is what the sensor makes of an exact image and the number of its frame, in any thread.
         """
         self._model, self._camera, self._drive, self._copied = model, camera, drive, copied
         self._delay_s, self._measure = delay_s, measure

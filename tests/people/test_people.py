@@ -146,10 +146,10 @@ def test_images_begun_ahead_show_people_where_they_will_be(scene):
                 if ahead:
                     robot.anticipate(Action.TURN_LEFT, Action.TURN_LEFT)
                 robot.act(Action.TURN_LEFT)
-                begun = len(robot._ahead._coming) if ahead else 0
+                begun = len(robot._ahead._coming) if robot._ahead else 0
                 seen.append(robot.observe())
                 # The image was taken, not thrown away.
-                assert not ahead or len(robot._ahead._coming) in (begun - 1, 0) or begun == 0
+                assert begun == 0 or len(robot._ahead._coming) in (begun - 1, 0)
             images.append(seen)
 
     for one, other in zip(*images, strict=True):

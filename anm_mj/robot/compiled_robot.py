@@ -1,16 +1,19 @@
-"""Extents of geoms by their support functions, exact for MuJoCo's primitives and for meshes, and the space that a robot
-sweeps: an upright cylinder about its base.
+"""Questions about a compiled robot: its bodies, the space that it takes, and names for unnamed elements of its spec.
+
+Extents of geoms follow from their support functions, exact for MuJoCo's primitives and for meshes.
 """
 
 import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import solid_geoms
 from anm_mj.types import Footprint
 
 _NUM_DIRECTIONS = 720
@@ -21,6 +24,57 @@ WIDEST_M, HIGHEST_M = 2.0, 4.0
 """Larger robots, by radius and height, are not in metres [m]."""
 LOWEST_M = 0.05
 """Rugs and thresholds below this height are no obstacles [m]; scenes have no collision boxes there either."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledRobot:
+    """A robot's spec, the model compiled from it, and its state with all poses up to date."""
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    path: Path
+    """The robot's file, for messages."""
+
+
+def subtree(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and all its descendants."""
+    found = {body}
+    for other in range(body + 1, model.nbody):
+        if int(model.body_parentid[other]) in found:
+            found.add(other)
+    return sorted(found)
+
+
+def joints_above(model: mujoco.MjModel, body: int) -> list[int]:
+    """Joints between a body, its own included, and the world."""
+    found = []
+    while body:
+        found += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        body = int(model.body_parentid[body])
+    return found
+
+
+def solid_geoms(model: mujoco.MjModel) -> list[int]:
+    """Indices of geoms that can touch something."""
+    return np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
+
+
+def unused_name(wanted: str, find: Callable[[str], Any]) -> str:
+    """The wanted name, extended until ``find`` (such as ``spec.geom``) does not know it."""
+    while find(wanted) is not None:
+        wanted += "_"
+    return wanted
+
+
+def name_all(elements: Iterable[Any], kind: str) -> None:
+    """Name all unnamed elements; later look-ups go by name."""
+    elements = list(elements)
+    taken = {element.name for element in elements}
+    for number, element in enumerate(elements):
+        if not element.name:
+            element.name = next(name for k in range(len(taken) + 1) if (name := f"{kind}_{number + k}") not in taken)
+            taken.add(element.name)
 
 
 def support_m(
