@@ -30,47 +30,12 @@ def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h 
     return np.where(depth_m <= MAX_DEPTH_M, depth_m, np.float32(0.0))
 
 
-def reward_spec(kind: str) -> specs.Array:
-    """Bounds of a reward of one kind."""
-    if kind == "surface":
-        return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
-    if kind == "area":
-        return specs.BoundedArray((), float, 0.0, np.inf, name="reward")
-    return specs.Array((), float, name="reward")
-
-
-class Reward:
-    """The growth, from view to view, of what is known.
+class ExploreTask(control.Task):
+    """Rewards the growth, from view to view, of what is known.
 
     ``surface``: the newly covered fraction of the observable surface, in [0, 1]. ``area``: newly observed area of the
     top-down map [m2]. ``information``: what the occupancy grid gained [bits]; less than zero where a view contradicts
-    it.
-    """
-
-    def __init__(self, kind: str, local_map: LocalMap | None) -> None:
-        """Start an episode; ``kind`` is what counts, as ``EnvironmentConfig.reward`` says; ``surface`` needs no map."""
-        self._kind = kind
-        self._map = local_map
-        self.known = 0.0
-        """What is known so far, in the unit of the reward."""
-
-    def of_view(self, new_surface: float) -> float:
-        """The reward of a view that is in the map by now.
-
-        ``new_surface`` is the fraction of the observable surface that it is the first to cover, in [0, 1].
-        """
-        before = self.known
-        if self._map is None or self._kind == "surface":
-            self.known += new_surface
-            return new_surface
-        self.known = self._map.area_m2 if self._kind == "area" else self._map.information_bits
-        return self.known - before
-
-
-class ExploreTask(control.Task):
-    """Rewards what every view brings.
-
-    STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it.
+    it. STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it.
     """
 
     def __init__(self, scenes: Sequence[Scene], config: EnvironmentConfig, footprint: Footprint, seed: int) -> None:
@@ -91,7 +56,6 @@ class ExploreTask(control.Task):
 
     def seed(self, seed: int, random: np.random.Generator | None = None) -> None:
         """Begin the sequence of episodes of a seed, that of the sensor's errors, which differ from episode to episode.
-
         ``random`` draws scenes and starts; None = from the seed.
         """
         self.random = np.random.default_rng(seed) if random is None else random
@@ -145,8 +109,8 @@ class ExploreTask(control.Task):
         config = self._config
         needs_map = config.topdown or config.distance or config.reward != "surface"
         self._map = LocalMap(self._footprint) if needs_map else None
-        self.reward = Reward(config.reward, self._map)
-        """Of the present episode."""
+        self.known = 0.0
+        """What the map knows so far, in the unit of the reward."""
         self._add_view()
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
@@ -162,13 +126,15 @@ class ExploreTask(control.Task):
         self._add_view()
 
     def get_reward(self, physics: RobotPhysics) -> float:
-        """What the last step brought; see :class:`Reward`."""
-        del physics
+        """What the last step brought."""
         return self._last_reward
 
     def reward_spec(self) -> specs.Array:
         """Bounds of the reward."""
-        return reward_spec(self._config.reward)
+        if self._config.reward == "information":
+            return specs.Array((), float, name="reward")
+        most = 1.0 if self._config.reward == "surface" else np.inf
+        return specs.BoundedArray((), float, 0.0, most, name="reward")
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
         """Discount 0 after STOP and where the robot can no longer drive, 1 at truncation, None within an episode."""
@@ -178,12 +144,10 @@ class ExploreTask(control.Task):
 
     def action_spec(self, physics: RobotPhysics) -> specs.Array:
         """A value of :class:`anm_mj.types.Action`, one of its moves, or a velocity as shares of the highest one."""
-        del physics
         return action_spec(self._config.actions, self._config.stop)
 
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, np.ndarray]:
         """The learner's observation; see ``observation_spec``."""
-        del physics
         here = relative_pose(self._start, self.view.pose)
         observation = OrderedDict(
             rgb=self.view.rgb,
@@ -205,7 +169,6 @@ class ExploreTask(control.Task):
         1 occupied. distance: (192, 192) float32, signed distance to the nearest obstacle in the same cells [m], limited
         to 2 m.
         """
-        del physics
         px = self._config.image_px
         reach = np.array([REACH_M, REACH_M, math.pi], np.float32)
         spec = OrderedDict(
@@ -231,4 +194,9 @@ class ExploreTask(control.Task):
         new = self._covered.add(back_project_reduced(depth, self.view.intrinsics, self.true.T_world_camera))
         if self._map is not None:
             self._map.add(self.view)
-        self._last_reward = self.reward.of_view(new)
+        kind, before = self._config.reward, self.known
+        if self._map is None or kind == "surface":
+            self._last_reward = new
+        else:
+            self.known = self._map.area_m2 if kind == "area" else self._map.information_bits
+            self._last_reward = self.known - before

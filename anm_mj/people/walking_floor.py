@@ -81,17 +81,14 @@ class WalkingFloor:
 
     def path(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
         """Places from one on to another, a tenth of a metre apart; the end alone where nothing leads there [m]."""
-        return self._ways(start_m, [self._cell(end_m)])(end_m)
+        return self.ways(start_m, end_m)(end_m)
 
-    def ways(self, start_m: Float[np.ndarray, "2"]) -> Callable[[Float[np.ndarray, "2"]], Float[np.ndarray, "k 2"]]:
-        """:meth:`path` from a place, by its end: one search for all ends."""
-        return self._ways(start_m, None)
-
-    def _ways(
-        self, start_m: Float[np.ndarray, "2"], ends: list[tuple[int, int]] | None
+    def ways(
+        self, start_m: Float[np.ndarray, "2"], only_m: Float[np.ndarray, "2"] | None = None
     ) -> Callable[[Float[np.ndarray, "2"]], Float[np.ndarray, "k 2"]]:
+        """:meth:`path` from a place, by its end: one search for all ends, or for ``only_m`` [m]."""
         search = MCP_Geometric(self._cost)
-        cost, _ = search.find_costs([self._cell(start_m)], ends)
+        cost, _ = search.find_costs([self._cell(start_m)], None if only_m is None else [self._cell(only_m)])
 
         def to(end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
             end = self._cell(end_m)

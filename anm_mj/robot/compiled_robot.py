@@ -126,6 +126,11 @@ def require_size(footprint: Footprint, path: Path) -> None:
         )
 
 
+def lowest_m(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int]) -> float:
+    """Lowest point of some geoms in the world [m]."""
+    return min(height_range_m(model, data, geom)[0] for geom in geoms)
+
+
 def _local_support(model: mujoco.MjModel, geom: int, d: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.compiled_robot import height_range_m, joints_above, subtree
+from anm_mj.robot.compiled_robot import joints_above, lowest_m, subtree
 from anm_mj.robot.robot_config import RobotConfig
 
 HOLONOMIC = "holonomic"
@@ -198,7 +198,7 @@ def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[i
         if model.jnt_type[joint] != _HINGE or model.jnt_limited[joint] or is_passive(model.joint(joint).name):
             continue
         body = int(model.jnt_bodyid[joint])
-        geoms = [g for b in subtree(model, body) for g in range(model.ngeom) if model.geom_bodyid[g] == b]
+        geoms = np.flatnonzero(np.isin(model.geom_bodyid, subtree(model, body))).tolist()
         others = [j for j in joints_above(model, body) if j != joint]
         root = int(model.body_rootid[body])
         swivels = [
@@ -208,12 +208,8 @@ def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[i
         ]
         if abs(data.xaxis[joint][2]) > _LEVEL or not geoms:
             continue
-        lowest = min(height_range_m(model, data, g)[0] for g in geoms)
-        floor = min(
-            height_range_m(model, data, g)[0]
-            for g in range(model.ngeom)
-            if model.body_rootid[model.geom_bodyid[g]] == root
-        )
+        lowest = lowest_m(model, data, geoms)
+        floor = lowest_m(model, data, np.flatnonzero(model.body_rootid[model.geom_bodyid] == root).tolist())
         if lowest < floor + _NEAR_FLOOR_M and lowest < data.xanchor[joint][2]:
             found.append((joint, swivels))
     return found

@@ -27,20 +27,15 @@ SAME_ROBOT = 1e-9
 class _Kinematics:
     """What the kinematics of all bases have: a camera that is mounted rigidly."""
 
-    _T_base_camera: Float[np.ndarray, "4 4"]
-
-    @property
-    def T_base_camera(self) -> Float[np.ndarray, "4 4"]:
-        """Camera to base; camera axes x right, y down, z forward."""
-        return self._T_base_camera.copy()
+    T_base_camera: Float[np.ndarray, "4 4"]
+    """Camera to base; camera axes x right, y down, z forward."""
 
     def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
         """Camera to world, for a base on the floor."""
-        return pose_matrix(pose) @ self._T_base_camera
+        return pose_matrix(pose) @ self.T_base_camera
 
     def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
         """Left and right wheel motion from forward motion and turn; no wheel turns where there is none."""
-        del forward, turn
         return 0.0, 0.0
 
     def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
@@ -66,8 +61,8 @@ class RobotKinematics(_Kinematics):
         self.track_m = track_m * robot.track_scale
         """Effective track: the distance between the planes of the wheels [m], times the robot's ``track_scale``."""
         pin.framesForwardKinematics(model, data, pin.neutral(model))
-        self._T_base_camera = data.oMf[model.getFrameId(CAMERA, pin.FrameType.OP_FRAME)].homogeneous.copy()
-        ours = np.array([pin.computeTotalMass(model), self.wheel_radius_m, track_m, *self._T_base_camera.ravel()])
+        self.T_base_camera = data.oMf[model.getFrameId(CAMERA, pin.FrameType.OP_FRAME)].homogeneous.copy()
+        ours = np.array([pin.computeTotalMass(model), self.wheel_radius_m, track_m, *self.T_base_camera.ravel()])
         theirs = np.array([robot.mass_kg, robot.wheel_radius_m, robot.track_m, *robot.T_base_camera.ravel()])
         if np.abs(ours - theirs).max() > SAME_ROBOT:
             raise RobotError(
@@ -77,9 +72,8 @@ class RobotKinematics(_Kinematics):
 
     @property
     def wheel_jacobian(self) -> Float[np.ndarray, "2 2"]:
-        """Forward speed and turn rate (rows) per left and right wheel speed (columns), rolling without slip.
-
-        Source: Lynch and Park, Modern Robotics, 2017, section 13.3.1 (differential drive).
+        """Forward speed and turn rate (rows) per left and right wheel speed (columns), rolling without slip. Source:
+        Lynch and Park, Modern Robotics, 2017, section 13.3.1 (differential drive).
         """
         r, track = self.wheel_radius_m, self.track_m
         return np.array([[r / 2.0, r / 2.0], [-r / track, r / track]])
@@ -96,9 +90,8 @@ class RobotKinematics(_Kinematics):
         return (forward - turn * half_track) / radius, (forward + turn * half_track) / radius
 
     def odometry(self, pose: Pose2, left_rad: float, right_rad: float) -> Pose2:
-        """The pose after these wheel rotations at a constant speed ratio: the SE(2) exponential.
-
-        Source: Lynch and Park, Modern Robotics, 2017, section 13.4 (odometry).
+        """The pose after these wheel rotations at a constant speed ratio: the SE(2) exponential. Source: Lynch and
+        Park, Modern Robotics, 2017, section 13.4 (odometry).
         """
         return move_pose(pose, *self.body_motion(left_rad, right_rad))
 
@@ -108,7 +101,7 @@ class PlanarKinematics(_Kinematics):
 
     def __init__(self, T_base_camera: Float[np.ndarray, "4 4"]):
         """``T_base_camera``: camera to base; camera axes x right, y down, z forward."""
-        self._T_base_camera = T_base_camera
+        self.T_base_camera = T_base_camera
 
 
 Kinematics = RobotKinematics | PlanarKinematics

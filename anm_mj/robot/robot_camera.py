@@ -102,7 +102,6 @@ def remount_camera(
     robot: CompiledRobot, name: str, T_world_base: Float[np.ndarray, "4 4"], config: CameraConfig, image_px: int
 ) -> None:
     """Change height, tilt and field of view of the camera ``name`` in the spec, as the configuration asks for.
-
     ``image_px`` is the size of an image where the configuration does not say [px].
     """
     if config.fov_deg:

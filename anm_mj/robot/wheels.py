@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.compiled_robot import CompiledRobot, height_range_m, support_m, unused_name
+from anm_mj.robot.compiled_robot import CompiledRobot, height_range_m, lowest_m, support_m, unused_name
 
 ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""
@@ -49,16 +49,11 @@ class Wheel:
 
 def free_endless_hinges(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     """Remove the ranges of hinges that are wider than 20 turns; whether there was one."""
-    found = [
-        j
-        for j in range(model.njnt)
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and model.jnt_limited[j]
-        and np.ptp(model.jnt_range[j]) > _ENDLESS_RAD
-    ]
+    limited = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
+    found = np.flatnonzero(limited & (np.ptp(model.jnt_range, axis=1) > _ENDLESS_RAD))
     for joint in found:
         spec.joint(model.joint(joint).name).limited = mujoco.mjtLimited.mjLIMITED_FALSE
-    return bool(found)
+    return len(found) > 0
 
 
 def read_wheels(
@@ -207,7 +202,7 @@ def _wheel(model: mujoco.MjModel, data: mujoco.MjData, name: str, path: Path) ->
     anchor, axis = data.xanchor[joint].copy(), data.xaxis[joint].copy()
     reach = np.array([support_m(model, data, geom, np.stack([axis, -axis])) for geom in touching])
     far, near = reach[:, 0].max() - anchor @ axis, -reach[:, 1].max() - anchor @ axis
-    lowest = min(height_range_m(model, data, geom)[0] for geom in touching)
+    lowest = lowest_m(model, data, touching)
     centre = anchor + axis * (far + near) / 2.0
     return Wheel(
         joint=name,

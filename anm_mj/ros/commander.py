@@ -1,7 +1,5 @@
 """Sends velocities to a live robot: within limits, and none while anything is wrong or in the way."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading
@@ -64,7 +62,7 @@ def is_way_blocked(way_m: float, forward_mps: float, reach_m: float, config: Ros
 
 
 class Commander:
-    """A thread that sends velocities. Close it, or use it in a ``with`` statement: the robot is stopped then."""
+    """A thread that sends velocities. Close it: the robot is stopped then."""
 
     def __init__(self, node: Node, config: RosConfig, health: Health, *, dry: bool = False) -> None:
         """Begin with a robot at rest. Nothing is driven while ``health`` knows of a fault, and nothing sent at all if
@@ -110,12 +108,6 @@ class Commander:
         for _ in range(_LAST_ZEROS):
             self._send()
             time.sleep(PERIOD_S)
-
-    def __enter__(self) -> Commander:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _run(self) -> None:
         while not self._closing.wait(PERIOD_S):

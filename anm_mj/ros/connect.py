@@ -4,7 +4,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
 from anm_mj.errors import RobotError
@@ -59,7 +59,7 @@ def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connec
         for source in (*intake.sources, poses.source):
             health.expect(source)
         navigation = _navigation(node, config, end, is_over)
-        with Commander(node, ros, health, dry=config.dry or navigation is not None) as commander:
+        with closing(Commander(node, ros, health, dry=config.dry or navigation is not None)) as commander:
             robot = LiveRobot(intake, poses, commander, health, config)
             robot.is_over = is_over
             try:

@@ -175,22 +175,26 @@ class Node:
 
     def publisher(self, topic: str, kind: str, delivery: Delivery = STATE) -> Publisher:
         """Publish messages of a type such as ``nav_msgs/msg/Odometry``."""
-        name = self.name(topic)
-        writer = DataWriter(self._participant, self._topic(f"rt{name}", kind), delivery.policies())
-        return Publisher(writer, self.messages, name)
+        return self.raw_publisher(f"rt{self.name(topic)}", kind, delivery)
 
     def subscribe(self, topic: str, kind: str, heard: Heard, delivery: Delivery = SENSOR) -> None:
         """Call ``heard`` with each message of a topic; ``delivery`` is what is asked of publishers."""
-        self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
+        self.raw_subscribe(f"rt{self.name(topic)}", kind, heard, delivery=delivery)
 
-    def raw_publisher(self, dds_name: str, kind: str) -> Publisher:
-        """Publish on a topic of DDS that is none of ROS 2, such as one of the two of a service."""
-        writer = DataWriter(self._participant, self._topic(dds_name, kind), STATE.policies())
+    def raw_publisher(self, dds_name: str, kind: str, delivery: Delivery = STATE) -> Publisher:
+        """Publish on a topic by its name of DDS, such as one of the two of a service."""
+        writer = DataWriter(self._participant, self._topic(dds_name, kind), delivery.policies())
         return Publisher(writer, self.messages, dds_name[2:])
 
-    def raw_subscribe(self, dds_name: str, kind: str, heard: Heard, parse: Parse | None = None) -> None:
-        """Hear a topic of DDS that is none of ROS 2; ``parse`` takes what is not all of its type."""
-        self._read(dds_name, dds_name[2:], kind, heard, STATE, parse)
+    def raw_subscribe(
+        self, dds_name: str, kind: str, heard: Heard, parse: Parse | None = None, *, delivery: Delivery = STATE
+    ) -> None:
+        """Hear a topic by its name of DDS; ``parse`` takes what is not all of its type."""
+        reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
+        condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        with self._lock:
+            self._waitset.attach(condition)
+            self._readers.append((reader, dds_name[2:], parse or functools.partial(self.parse, kind), heard))
 
     def parse(self, kind: str, cdr: bytes) -> Any:
         """The message of a type that was serialised."""
@@ -221,15 +225,6 @@ class Node:
         if (name, kind) not in self._topics:
             self._topics[name, kind] = Topic(self._participant, name, self._types.of(kind))
         return self._topics[name, kind]
-
-    def _read(
-        self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery, parse: Parse | None = None
-    ) -> None:
-        reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
-        condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
-        with self._lock:
-            self._waitset.attach(condition)
-            self._readers.append((reader, name, parse or functools.partial(self.parse, kind), heard))
 
     def _spin(self) -> None:
         while not self._closing.is_set():

@@ -70,7 +70,6 @@ def make_robot(
     from anm_mj.people.walking_floor import WalkingFloor
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
-    from anm_mj.sim.ahead_camera import AheadCamera
     from anm_mj.sim.camera_factory import make_camera
     from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
@@ -78,6 +77,7 @@ def make_robot(
     from anm_mj.sim.drives.trail import Trail
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.sim_robot import SimRobot
+    from anm_mj.sim.views_ahead import AheadCamera
 
     description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint)

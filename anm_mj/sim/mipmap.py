@@ -121,9 +121,8 @@ class MipmapTextures:
         uv: Float32[np.ndarray, "n 2"],
         texels_per_pixel: Float32[np.ndarray, " n"],
     ) -> Float32[np.ndarray, "n 3"]:
-        """Colours in 0..255 at texture coordinates (v down; the texture repeats outside 0..1).
-
-        The size of a pixel in the texture selects the mip level, whose four nearest texels are interpolated.
+        """Colours in 0..255 at texture coordinates (v down; the texture repeats outside 0..1). The size of a pixel in
+        the texture selects the mip level, whose four nearest texels are interpolated.
         """
         level = np.round(np.log2(np.maximum(texels_per_pixel, 1.0))).astype(np.int64)
         level = np.minimum(level, self._first.shape[1] - 1)

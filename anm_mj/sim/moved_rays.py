@@ -67,7 +67,6 @@ class MovedRays:
         depth_m: Float32[np.ndarray, "h w"],
     ) -> Bool[np.ndarray, "h w"]:
         """Which pixels of an image with this planar depth [m] show the geoms; other arguments as of :meth:`hits`.
-
         Images larger than what the evaluation reads are looked at in as few places.
         """
         rows, cols = (max(1, side // EVALUATION_SIDE_PX) for side in depth_m.shape)

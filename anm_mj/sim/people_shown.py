@@ -10,7 +10,7 @@ from anm_mj.frames import pixel_directions
 from anm_mj.people.crowd import Crowd
 from anm_mj.people.figures import people_states, standing_bodies, vacuum_states
 from anm_mj.sim.moved_rays import MovedRays
-from anm_mj.sim.render_mesh import are_moved, visible_geoms
+from anm_mj.sim.render_mesh import visible_geoms
 from anm_mj.types import Intrinsics, Pose2, TruePeople
 
 
@@ -33,8 +33,7 @@ class PeopleShown:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Look for the figures that were added to a model."""
-        geoms = visible_geoms(model)
-        geoms = geoms[are_moved(model, geoms)]
+        geoms = visible_geoms(model, moved=True)
         stands = np.isin(model.geom_bodyid[geoms], standing_bodies(model))
         self._standing = MovedRays(model, geoms[stands]) if stands.any() else None
         self._moving = MovedRays(model, geoms[~stands])

@@ -12,7 +12,7 @@ from anm_mj.frames import pixel_directions
 from anm_mj.sim.camera import VISIBLE_GROUPS, Camera, Image
 from anm_mj.sim.mipmap import MipmapTextures
 from anm_mj.sim.moved_rays import MovedRays, cast_rays
-from anm_mj.sim.render_mesh import are_moved, are_static_meshes, mean_colours, render_mesh, visible_geoms
+from anm_mj.sim.render_mesh import are_static_meshes, mean_colours, render_mesh, visible_geoms
 from anm_mj.utils.raycast import RayCaster
 
 
@@ -42,11 +42,9 @@ class EmbreeCamera(_RayCamera):
         such camera, or a visible geom is not a static mesh, and RayCastError if Embree is not installed.
         """
         super().__init__(model, camera_name, width, height)
-        geoms = visible_geoms(model)
-        moved = geoms[are_moved(model, geoms)]
+        moved, geoms = visible_geoms(model, moved=True), visible_geoms(model, moved=False)
         self._moved = MovedRays(model, moved) if len(moved) else None
-        geoms = geoms[~are_moved(model, geoms)]
-        if not len(geoms) or not are_static_meshes(model, geoms).all():
+        if not are_static_meshes(model, geoms):
             raise RenderError("Embree sees static meshes only; use MujocoRayCamera or GlCamera for this model.")
         mesh = render_mesh(model, geoms)
         self._mesh = mesh

@@ -11,7 +11,6 @@ from anm_mj.frames import pose_matrix, relative_pose
 from anm_mj.people.crowd import Crowd
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
-from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
@@ -21,7 +20,7 @@ from anm_mj.sim.people_shown import PeopleShown, true_people
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.views_ahead import ViewsAhead, frame_number, update_poses
+from anm_mj.sim.views_ahead import AheadCamera, ViewsAhead, frame_number, update_poses
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -131,10 +130,8 @@ class SimRobot:
         return believed if self._origin is None else relative_pose(self._origin, believed)
 
     def observe(self) -> Observation:
-        """The view from the present pose, with true poses or poses by wheel odometry.
-
-        A late image is the view of a moment ago, with the camera's pose at the time of its stamp. Raises RenderError
-        after ``close``.
+        """The view from the present pose, with true poses or poses by wheel odometry. A late image is the view of a
+        moment ago, with the camera's pose at the time of its stamp. Raises RenderError after ``close``.
         """
         update_poses(self.model, self.data)
         pose = self._drive.pose if self._T_base_camera is None else self.odometry
@@ -193,7 +190,6 @@ class SimRobot:
 
     def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
         """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state.
-
         ``seed`` is that of the sensor's errors from now on; None = as before.
         """
         if self._ahead is not None:
@@ -215,10 +211,8 @@ class SimRobot:
         return self._drive.drive(twist, duration_s)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera's axis and a point share a vertical plane.
-
-        The point [m] is in the frame of the observations' poses. ``step`` does not count the motion; the result has the
-        equivalent number of steps.
+        """Turn on the spot until the camera's axis and a point share a vertical plane. The point [m] is in the frame of
+        the observations' poses. ``step`` does not count the motion; the result has the equivalent number of steps.
         """
         if self._T_base_camera is not None:
             T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self.odometry))

@@ -1,5 +1,9 @@
 """Begins the next actions of a simulated robot, and what its camera will show after them, before they are asked for.
 
+While the robot learns from one image and decides, the next ones are drawn in a thread of their own, if somebody knows
+where they will be taken from. An image that was begun is given out only where every pose that a camera reads is the
+same to the last bit, so that guesses change how long an image takes and nothing else.
+
 Actions that roll exactly and at once need no more than the poses after them. Actions by torque and contact take as long
 as an image: one is executed in a copy of the simulation. What a drive does depends on nothing but its state and the
 simulation's, so that the copy's action is the action, to the last bit, if it is asked for in the state that was copied;
@@ -11,7 +15,7 @@ from __future__ import annotations
 import functools
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import mujoco
@@ -19,15 +23,129 @@ import numpy as np
 from jaxtyping import Float32
 
 from anm_mj.people.crowd import Crowd
-from anm_mj.sim.ahead_camera import AheadCamera
-from anm_mj.sim.camera import Image
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.sim.drives.trail import Trail
 from anm_mj.types import Action, ActionResult
+from anm_mj.utils.threads import lent_core
 
+_READ = (
+    "geom_xpos",
+    "geom_xmat",
+    "site_xpos",
+    "site_xmat",
+    "cam_xpos",
+    "cam_xmat",
+    "light_xpos",
+    "light_xdir",
+    "flexvert_xpos",
+    "ten_length",
+    "ten_wrapnum",
+    "wrap_xpos",
+)
+"""What images are made of."""
 _AT_ONCE = 2
 """So many images may have been begun."""
+
+
+def frame_number(data: mujoco.MjData) -> int:
+    """Number of the frame of a state: its time [ms], as velocities do not count as steps."""
+    return round(1e3 * data.time)
+
+
+def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring poses of bodies and cameras up to date, after any motion of joints."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
+
+
+def _is_same_view(a: mujoco.MjData, b: mujoco.MjData) -> bool:
+    return all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in _READ)
+
+
+class _Begun(NamedTuple):
+    data: mujoco.MjData
+    image: Future[Image]
+
+
+class AheadCamera(Camera):
+    """Renders with another camera, in one thread that does nothing else."""
+
+    def __init__(self, make: Callable[[], Camera]) -> None:
+        """Make the camera by ``make``, in its thread: a GL context belongs to one. Raises what ``make`` raises."""
+        self._thread = ThreadPoolExecutor(1, "camera")
+        try:
+            self._camera = self._thread.submit(make).result()
+        except BaseException:
+            self._thread.shutdown()
+            raise
+        self.kind = self._camera.kind
+        self._model = self._camera._model
+        self._camera_id = self._camera._camera_id
+        self.intrinsics = self._camera.intrinsics
+        self._begun: list[_Begun] = []
+        self._closed = False
+
+    @property
+    def num_begun(self) -> int:
+        """Images that were begun and neither given out nor given up."""
+        return len(self._begun)
+
+    def begin(
+        self,
+        data: mujoco.MjData,
+        prepare: Callable[[], object] = lambda: None,
+        finish: Callable[[Image], object] = lambda _: None,
+    ) -> None:
+        """Begin the image after those that were begun, and return at once.
+
+        Args:
+            data: what the image shows, with all poses up to date; must not change before it is given out or given up.
+            prepare: called before, in the camera's thread; may write ``data``.
+            finish: called with the image, in the camera's thread.
+        """
+        if not self._closed:
+            self._begun.append(_Begun(data, self._thread.submit(self._render_beside, data, prepare, finish)))
+
+    def give_up(self, keep: int = 0) -> None:
+        """Forget the images that were begun, but for the first ``keep``; what they were made of may change then."""
+        # From the last on, so that none is started while another one is waited for.
+        while len(self._begun) > keep:
+            image = self._begun.pop().image
+            if not image.cancel():
+                image.exception()
+
+    def render(self, data: mujoco.MjData) -> Image:
+        """The first image that was begun, if it is the one; else another, and all others are given up. See
+        :meth:`Camera.render`.
+        """
+        if self._begun and _is_same_view(self._begun[0].data, data):
+            begun = self._begun.pop(0)
+            if begun.image.exception() is None:
+                return begun.image.result()
+        self.give_up()
+        if self._closed:
+            return self._camera.render(data)
+        return self._thread.submit(self._camera.render, data).result()
+
+    def close(self) -> None:
+        """Free the camera; may be called again."""
+        if not self._closed:
+            self._closed = True
+            self.give_up()
+            self._thread.submit(self._camera.close).result()
+            self._thread.shutdown()
+
+    def _render_beside(
+        self, data: mujoco.MjData, prepare: Callable[[], object], finish: Callable[[Image], object]
+    ) -> Image:
+        with lent_core():
+            prepare()
+            image = self._camera.render(data)
+            finish(image)
+            return image
 
 
 class _Coming(NamedTuple):
@@ -156,15 +274,3 @@ class ViewsAhead:
 
     def _unused(self) -> mujoco.MjData:
         return self._spare.pop() if self._spare else mujoco.MjData(self._model)
-
-
-def frame_number(data: mujoco.MjData) -> int:
-    """Number of the frame of a state: its time [ms], as velocities do not count as steps."""
-    return round(1e3 * data.time)
-
-
-def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring poses of bodies and cameras up to date, after any motion of joints."""
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_camlight(model, data)

@@ -119,9 +119,8 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
         return self.depth != "exact"
 
     def scaled(self) -> SensorConfig:
-        """The same with ``noise_scale`` multiplied in and set to 1; probabilities end at 1.
-
-        The angle from which pixels go missing moves from 90 degrees towards the camera's axis with the scale.
+        """The same with ``noise_scale`` multiplied in and set to 1; probabilities end at 1. The angle from which pixels
+        go missing moves from 90 degrees towards the camera's axis with the scale.
         """
         return replace(self, noise_scale=1.0, **self._scaled_values())
 
