@@ -13,7 +13,7 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 from anm_mj.sim.sim_robot import SimRobot
 from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.sim.views_ahead import AheadCamera
