@@ -21,9 +21,8 @@ from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.record_config import RecordConfig
-from anm_mj.sim.reality import IDEAL, reality_of
-from anm_mj.sim.sensors.sensor_presets import sensor_config
-from anm_mj.sim.simulation_config import SimulationConfig, require_choice
+from anm_mj.sim.sensors.sensor_config import sensor_config
+from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, reality_of, require_choice
 from anm_mj.utils.settings import of_type
 
 _logger = logging.getLogger(__name__)
@@ -137,8 +136,8 @@ def make_config(
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`; None = that of the reality.
-        reality: a key of :data:`anm_mj.sim.reality.REALITIES`; its options and settings come before all others.
+        sensor: a key of :data:`anm_mj.sim.sensors.sensor_config.SENSORS`; None = that of the reality.
+        reality: a key of :data:`anm_mj.sim.simulation_config.REALITIES`; its options and settings come first.
         kind: the class of the configuration.
         **options: its fields.
 

@@ -30,7 +30,7 @@ from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.camera_sensor import Sensor
-from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.sim.sensors.sensor_config import sensor_config
 from anm_mj.types import FREE, OCCUPIED, Footprint, Observation, OccupancyGrid
 
 _AROUND = np.ones((3, 3), bool)

@@ -38,7 +38,7 @@ from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.sim.sensors.sensor_config import sensor_config
 from anm_mj.types import (
     OCCUPIED,
     Action,

@@ -37,7 +37,7 @@ from anm_mj.run import run_with
 from anm_mj.run_parts import make_parts
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 from anm_mj.types import Pose2
 
 SENSOR, WHEELS = "d435i", "model.wheel_noise=0.02"

@@ -38,7 +38,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.measure_depth import depth_edges
+from anm_mj.sim.sensors.camera_sensor import depth_edges
 from anm_mj.types import (
     OCCUPIED,
     Action,

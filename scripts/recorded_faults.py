@@ -37,7 +37,7 @@ from anm_mj.sequence_check.correction import (
 from anm_mj.sequence_check.find_faults import UNITS_M
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.sensors.camera_sensor import Sensor
-from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.sim.sensors.sensor_config import sensor_config
 from anm_mj.types import Intrinsics
 
 WIDTH_PX, HEIGHT_PX = 160, 120

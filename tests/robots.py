@@ -32,8 +32,8 @@ def description() -> RobotDescription:
 
 
 @pytest.fixture(scope="session")
-def kinematics() -> RobotKinematics:
-    return RobotKinematics(ROBOT_XML)
+def kinematics(description) -> RobotKinematics:
+    return RobotKinematics(description)
 
 
 @pytest.fixture(scope="session")

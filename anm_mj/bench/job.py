@@ -13,8 +13,8 @@ from msgspec import Meta
 from anm_mj.config import MOST_STEPS, RunConfig, make_config
 from anm_mj.io.run_shapes import Count, Number
 from anm_mj.planning.policies.registry import policy_entry
-from anm_mj.sim.reality import IDEAL, REALITIES
 from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.simulation_config import IDEAL, REALITIES
 from anm_mj.utils.files import file_name
 
 CONDITIONS: dict[str, str] = {

@@ -7,7 +7,7 @@ import numpy as np
 from anm_mj.bench.job import CONDITIONS, each_setting, variant
 from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table, with_interval
 from anm_mj.bench.statistics import LEAST_SCENES, TASK
-from anm_mj.sim.reality import IDEAL
+from anm_mj.sim.simulation_config import IDEAL
 from anm_mj.types import StopReason
 
 ERRORS = ("sensor.", "model.wheel_noise=", "people.")

@@ -25,7 +25,7 @@ from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.sim.reality import IDEAL, reality_of
+from anm_mj.sim.simulation_config import IDEAL, reality_of
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml

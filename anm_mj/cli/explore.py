@@ -13,7 +13,7 @@ from anm_mj.cli.command_line import Fields, Option, Report, arguments
 from anm_mj.cli.option_types import NewFolder, Port, Settings
 from anm_mj.errors import ConfigError
 from anm_mj.planning.policies.registry import policies
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 
 if TYPE_CHECKING:
     from anm_mj.config import RunConfig

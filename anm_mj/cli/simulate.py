@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from anm_mj.cli.command_line import Fields, Option
 from anm_mj.cli.option_types import Settings
 from anm_mj.errors import ConfigError
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 
 
 def _robot_fields() -> tuple[type, dict[str, Option]]:

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.errors import RobotError
+from anm_mj.robot.compiled_robot import support_m
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.geom_extent import support_m
 
 BODY = "body"
 """Name of the cylinder that represents the robot in mink's model."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from anm_mj.types import Twist
+
 if TYPE_CHECKING:
     from anm_mj.robot.description import RobotDescription
 
@@ -25,6 +27,19 @@ class MotionLimits:
     turn_radps2: float = 6.0
 
 
+def clipped(wanted: Twist, limits: MotionLimits) -> Twist:
+    """A velocity within the highest forward speed and turn rate; each is clipped by itself."""
+    return Twist(_within(wanted.forward_mps, limits.forward_mps), _within(wanted.turn_radps, limits.turn_radps))
+
+
+def slewed(now: Twist, wanted: Twist, limits: MotionLimits, period_s: float) -> Twist:
+    """The velocity a period [s] after ``now``, within the accelerations, on the way to a wanted one."""
+    return Twist(
+        now.forward_mps + _within(wanted.forward_mps - now.forward_mps, limits.forward_mps2 * period_s),
+        now.turn_radps + _within(wanted.turn_radps - now.turn_radps, limits.turn_radps2 * period_s),
+    )
+
+
 def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:
     """The default limits, lowered to what a robot's wheels reach at ``max_wheel_radps`` and what does not tip it over.
 
@@ -42,3 +57,7 @@ def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:
         margin_m = min(float(along.max()) - x, x - float(along.min()))
         forward_mps2 = min(forward_mps2, max(0.5 * _GRAVITY_MPS2 * margin_m / max(height_m, 1e-3), _LEAST_MPS2))
     return MotionLimits(forward_mps, forward_mps2, turn_radps, most.turn_radps2)
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most)

@@ -24,10 +24,8 @@ def action_spec(actions: str, stop: bool) -> specs.Array:
 
 
 def read_action(action: Any, actions: str, stop: bool) -> Action | Twist:
-    """The discrete action, or the velocity, that an agent's choice stands for.
-
-    A velocity is given as shares of the highest forward speed and turn rate, in [-1, 1]; values beyond are clipped.
-    Raises TaskError for an invalid choice.
+    """The discrete action, or the velocity, that an agent's choice stands for. A velocity is given as shares of the
+    highest forward speed and turn rate, in [-1, 1]; values beyond are clipped. Raises TaskError for an invalid choice.
     """
     if actions == "velocity":
         return _read_velocity(action)

@@ -9,10 +9,8 @@ from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import ConfigError, RobotError, TaskError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.robot_presets import preset_config
-from anm_mj.sim.reality import IDEAL, reality_of
-from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.sensors.sensor_presets import sensor_config
-from anm_mj.sim.simulation_config import SimulationConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig, sensor_config
+from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, reality_of
 from anm_mj.types import FORWARD_STEP_M
 
 REACH_M = 1000.0

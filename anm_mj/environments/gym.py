@@ -116,7 +116,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
 
     def _info(self) -> dict[str, Any]:
         task, result = self._environment.task, self._environment.physics.result
-        pose = task.true_pose
+        pose = task.true.pose
         return {
             "coverage": task.coverage,
             "collided": result is not None and result.collided,

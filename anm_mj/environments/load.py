@@ -90,5 +90,4 @@ def _footprint(config: SimulationConfig) -> Footprint:
 @functools.lru_cache(maxsize=64)
 def _shared_scene(folder: Path, content_hash: str) -> Scene:
     """One object per scene for all environments of a process: caches of derived data use it as their key."""
-    del content_hash
     return load_scene(folder)

@@ -57,10 +57,8 @@ class LocalMap:
         return float(counts @ _INFORMATION_BITS)
 
     def distance(self, pose: Pose2) -> Float32[np.ndarray, "rows cols"]:
-        """Signed distance to the nearest obstacle around a pose, in the cells of :meth:`crop` [m].
-
-        Positive outside of obstacles, negative inside, and limited to ``MAX_DISTANCE_M``. Unknown cells are no
-        obstacles.
+        """Signed distance to the nearest obstacle around a pose, in the cells of :meth:`crop` [m]. Positive outside of
+        obstacles, negative inside, and limited to ``MAX_DISTANCE_M``. Unknown cells are no obstacles.
         """
         occupied = self.crop(pose) == OCCUPIED
         edge = self._grid.config.voxel_m

@@ -14,7 +14,7 @@ from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.simulation_config import SimulationConfig
-from anm_mj.types import Action, ActionResult, MotionResult, Observation, Pose2, Twist
+from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist
 
 if TYPE_CHECKING:
     from anm_mj.sim.sim_robot import SimRobot
@@ -32,7 +32,8 @@ class RobotPhysics(control.Physics):
         self._scene: Scene | None = None
         self._robot: SimRobot | None = None
         self._action: Action | Twist = Action.STOP
-        self._result: ActionResult | MotionResult | None = None
+        self.result: ActionResult | MotionResult | None = None
+        """Result of the last action; None at the start of an episode."""
 
     def __getstate__(self) -> dict[str, Any]:
         """What copies and pickles keep. Raises TaskError once there is a simulation, which cannot be copied."""
@@ -49,14 +50,9 @@ class RobotPhysics(control.Physics):
         assert self._robot is not None
         return self._robot
 
-    @property
-    def result(self) -> ActionResult | MotionResult | None:
-        """Result of the last action; None at the start of an episode."""
-        return self._result
-
     def reset(self) -> None:
         """Forget the last action; ``place`` moves the robot to its start."""
-        self._action, self._result = Action.STOP, None
+        self._action, self.result = Action.STOP, None
 
     def after_reset(self) -> None:
         """Do nothing: ``place`` has reset the simulation."""
@@ -85,13 +81,9 @@ class RobotPhysics(control.Physics):
         """Execute the action to its end, ``n_sub_steps`` times."""
         for _ in range(n_sub_steps):
             if isinstance(self._action, Twist):
-                self._result = self.robot.drive(self._action, CONTROL_S)
+                self.result = self.robot.drive(self._action, CONTROL_S)
             else:
-                self._result = self.robot.act(self._action)
-
-    def observe(self) -> Observation:
-        """The view from the robot's present pose."""
-        return self.robot.observe()
+                self.result = self.robot.act(self._action)
 
     def time(self) -> float:
         """Simulated time since the start of the episode [s]."""

@@ -1,4 +1,4 @@
-"""The exploration task: cover as much surface as possible within a number of steps."""
+"""The exploration task: cover as much surface as possible within a number of steps, and what an action is worth."""
 
 import math
 from collections import OrderedDict
@@ -14,7 +14,6 @@ from anm_mj.environments.actions import action_spec, read_action
 from anm_mj.environments.environment_config import REACH_M, EnvironmentConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
-from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.frames import relative_pose, wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced, reduce_depth
@@ -22,7 +21,7 @@ from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
 from anm_mj.scene.starts import sample_start
-from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
+from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Pose2
 
 
 def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
@@ -32,9 +31,11 @@ def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h 
 
 
 class ExploreTask(control.Task):
-    """Rewards what every view brings.
+    """Rewards the growth, from view to view, of what is known.
 
-    STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it.
+    ``surface``: the newly covered fraction of the observable surface, in [0, 1]. ``area``: newly observed area of the
+    top-down map [m2]. ``information``: what the occupancy grid gained [bits]; less than zero where a view contradicts
+    it. STOP or a robot that can no longer drive terminates an episode, the number of steps truncates it.
     """
 
     def __init__(self, scenes: Sequence[Scene], config: EnvironmentConfig, footprint: Footprint, seed: int) -> None:
@@ -43,7 +44,8 @@ class ExploreTask(control.Task):
         """
         self.seed(seed)
         self._scenes = scenes
-        self._scene = scenes[0]
+        self.scene = scenes[0]
+        """The scene of the present episode."""
         self._config = config
         self._footprint = footprint
         self._fixed_start = None if config.start is None else self.require_clear_start(config.start)
@@ -54,7 +56,6 @@ class ExploreTask(control.Task):
 
     def seed(self, seed: int, random: np.random.Generator | None = None) -> None:
         """Begin the sequence of episodes of a seed, that of the sensor's errors, which differ from episode to episode.
-
         ``random`` draws scenes and starts; None = from the seed.
         """
         self.random = np.random.default_rng(seed) if random is None else random
@@ -62,14 +63,9 @@ class ExploreTask(control.Task):
         self._noise = np.random.default_rng([seed, 13])
 
     @property
-    def scene(self) -> Scene:
-        """The scene of the present episode."""
-        return self._scene
-
-    @property
     def num_steps(self) -> int:
         """Steps until truncation, in the scene of the present episode."""
-        return self._config.num_steps or min(default_steps(self._scene), self._config.max_steps)
+        return self._config.num_steps or min(default_steps(self.scene), self._config.max_steps)
 
     @property
     def coverage(self) -> float:
@@ -79,18 +75,8 @@ class ExploreTask(control.Task):
     @property
     def people_m(self) -> float:
         """Distance between the robot's body and the nearest person's [m]; infinite among nobody."""
-        people = self._true.people
+        people = self.true.people
         return math.inf if people is None else people.nearest_m
-
-    @property
-    def view(self) -> Observation:
-        """The last observation, with the poses that the robot believes; hidden from the learner."""
-        return self._view
-
-    @property
-    def true_pose(self) -> Pose2:
-        """Where the base stands in the world; hidden from the learner."""
-        return self._true.pose
 
     def require_clear_start(self, start: tuple[float, float, float]) -> Pose2:
         """The start x [m], y [m], yaw [deg] as a pose. Raises SceneError if the robot does not fit at the pose."""
@@ -108,24 +94,24 @@ class ExploreTask(control.Task):
         given = self._next_start or self._fixed_start
         self._next_start = None
         which = int(self.random.integers(len(self._scenes))) if len(self._scenes) > 1 else 0
-        self._scene = self._scenes[which]
-        self._start = given or sample_start(self._scene, self._footprint, self.random)
+        self.scene = self._scenes[which]
+        self._start = given or sample_start(self.scene, self._footprint, self.random)
         self._stopped, self._steps = False, 0
-        physics.place(self._scene, self._start, int(self._noise.integers(1 << 31)))
-        self._view = physics.observe()
+        physics.place(self.scene, self._start, int(self._noise.integers(1 << 31)))
+        self._look(physics)
         # All random starts lie in one connected area, so they share its observable surface.
         key = which, given
         if key not in self._surfaces:
             if given is not None:  # Starts that were given may differ in every episode.
                 self._surfaces = {key: grid for key, grid in self._surfaces.items() if key[1] is None}
-            self._surfaces[key] = observable_surface(self._scene, self._footprint, self._view, self._start)
+            self._surfaces[key] = observable_surface(self.scene, self._footprint, self.view, self._start)
         self._covered = IncrementalCoverage(self._surfaces[key])
         config = self._config
         needs_map = config.topdown or config.distance or config.reward != "surface"
         self._map = LocalMap(self._footprint) if needs_map else None
-        self.reward = Reward(config.reward, self._map)
-        """Of the present episode."""
-        self._add_view(physics)
+        self.known = 0.0
+        """What the map knows so far, in the unit of the reward."""
+        self._add_view()
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
         """Set the action of the next step. Raises TaskError for an invalid action."""
@@ -136,17 +122,19 @@ class ExploreTask(control.Task):
     def after_step(self, physics: RobotPhysics) -> None:
         """Take a view after the action."""
         self._steps += not self._stopped
-        self._view = physics.observe()
-        self._add_view(physics)
+        self._look(physics)
+        self._add_view()
 
     def get_reward(self, physics: RobotPhysics) -> float:
-        """What the last step brought; see :class:`anm_mj.environments.reward.Reward`."""
-        del physics
+        """What the last step brought."""
         return self._last_reward
 
     def reward_spec(self) -> specs.Array:
         """Bounds of the reward."""
-        return reward_spec(self._config.reward)
+        if self._config.reward == "information":
+            return specs.Array((), float, name="reward")
+        most = 1.0 if self._config.reward == "surface" else np.inf
+        return specs.BoundedArray((), float, 0.0, most, name="reward")
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
         """Discount 0 after STOP and where the robot can no longer drive, 1 at truncation, None within an episode."""
@@ -156,22 +144,20 @@ class ExploreTask(control.Task):
 
     def action_spec(self, physics: RobotPhysics) -> specs.Array:
         """A value of :class:`anm_mj.types.Action`, one of its moves, or a velocity as shares of the highest one."""
-        del physics
         return action_spec(self._config.actions, self._config.stop)
 
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, np.ndarray]:
         """The learner's observation; see ``observation_spec``."""
-        del physics
-        here = relative_pose(self._start, self._view.pose)
+        here = relative_pose(self._start, self.view.pose)
         observation = OrderedDict(
-            rgb=self._view.rgb,
-            depth=sensed_depth(self._view.depth_m),
+            rgb=self.view.rgb,
+            depth=sensed_depth(self.view.depth_m),
             pose=np.array([here.x_m, here.y_m, here.yaw_rad], np.float32),
         )
         if self._map is not None and self._config.topdown:
-            observation["topdown"] = self._map.crop(self._view.pose)
+            observation["topdown"] = self._map.crop(self.view.pose)
         if self._map is not None and self._config.distance:
-            observation["distance"] = self._map.distance(self._view.pose)
+            observation["distance"] = self._map.distance(self.view.pose)
         return observation
 
     def observation_spec(self, physics: RobotPhysics) -> OrderedDict[str, specs.BoundedArray]:
@@ -183,7 +169,6 @@ class ExploreTask(control.Task):
         1 occupied. distance: (192, 192) float32, signed distance to the nearest obstacle in the same cells [m], limited
         to 2 m.
         """
-        del physics
         px = self._config.image_px
         reach = np.array([REACH_M, REACH_M, math.pi], np.float32)
         spec = OrderedDict(
@@ -198,11 +183,20 @@ class ExploreTask(control.Task):
             spec["distance"] = specs.BoundedArray((CELLS, CELLS), np.float32, -limit, limit, name="distance")
         return spec
 
-    def _add_view(self, physics: RobotPhysics) -> None:
-        view, true = self._view, physics.robot.true_view()
-        self._true = true
-        points = back_project_reduced(reduce_depth(true.depth_m), view.intrinsics, true.T_world_camera)
-        new = self._covered.add(points)
+    def _look(self, physics: RobotPhysics) -> None:
+        self.view = physics.robot.observe()
+        """The last observation, with the poses that the robot believes; hidden from the learner."""
+        self.true = physics.robot.true_view()
+        """What it was truly made of; hidden from the learner."""
+
+    def _add_view(self) -> None:
+        depth = reduce_depth(self.true.depth_m)
+        new = self._covered.add(back_project_reduced(depth, self.view.intrinsics, self.true.T_world_camera))
         if self._map is not None:
-            self._map.add(view)
-        self._last_reward = self.reward.of_view(new)
+            self._map.add(self.view)
+        kind, before = self._config.reward, self.known
+        if self._map is None or kind == "surface":
+            self._last_reward = new
+        else:
+            self.known = self._map.area_m2 if kind == "area" else self._map.information_bits
+            self._last_reward = self.known - before

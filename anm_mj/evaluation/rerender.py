@@ -6,8 +6,7 @@ from typing import Any, TypeVar
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import Run
-from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import preset_config
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot

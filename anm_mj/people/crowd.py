@@ -64,17 +64,8 @@ class Crowd:
         robot_radius_m: float,
         seed: int,
     ) -> None:
-        """Place everybody.
-
-        Args:
-            config: how many, and how they walk.
-            floor: where they walk.
-            robot_xy_m: where the robot starts [m].
-            robot_radius_m: of its body [m].
-            seed: of all that is random about them.
-
-        Raises:
-            SceneError: the floor has no room for so many, or too few doorways for their doors.
+        """Place everybody around a robot of this radius, which starts at a place [m]; ``seed`` is that of all that is
+        random about them. Raises SceneError if the floor has no room for so many, or too few doorways for their doors.
         """
         self.config, self.floor = config, floor
         self._robot_radius_m = robot_radius_m
@@ -225,7 +216,9 @@ class Crowd:
         now = math.hypot(vx, vy)
         if now > most:
             vx, vy = vx * most / now, vy * most / now
-        step_x, step_y = self._possible(one, vx * PERIOD_S, vy * PERIOD_S, others)
+        # The step, or its part along one axis, that leads into nothing and nobody; else none.
+        steps = (vx * PERIOD_S, vy * PERIOD_S), (vx * PERIOD_S, 0.0), (0.0, vy * PERIOD_S)
+        step_x, step_y = next((step for step in steps if self._is_free(one, *step, others)), (0.0, 0.0))
         self._put(one, x + step_x, y + step_y, step_x / PERIOD_S, step_y / PERIOD_S, bool(speed))
 
     def _move_thing(self, one: int, robot_xy_m: Float[np.ndarray, "2"]) -> None:
@@ -293,9 +286,8 @@ class Crowd:
         return (there or stuck) and not self._next_goal(one, time_s, stuck, robot_xy_m)
 
     def _next_goal(self, one: int, time_s: float, stuck: bool, robot_xy_m: Float[np.ndarray, "2"]) -> bool:
-        """Choose the next place and the time to stand before; whether the person walks already.
-
-        Who is stuck turns away from the nearest body.
+        """Choose the next place and the time to stand before; whether the person walks already. Who is stuck turns away
+        from the nearest body.
         """
         self._num_goals[one] += 1
         random = np.random.default_rng([self._seed, 84, one, int(self._num_goals[one])])
@@ -323,13 +315,6 @@ class Crowd:
         berth_m = _BERTH_M if one >= self.config.number else 0.0
         robot_apart_m = float(self.radius_m[one]) + self._robot_radius_m + berth_m
         return [*others, (float(robot_xy_m[0]), float(robot_xy_m[1]), robot_apart_m)]
-
-    def _possible(
-        self, one: int, dx: float, dy: float, others: list[tuple[float, float, float]]
-    ) -> tuple[float, float]:
-        """The step [m], or its part along one axis, that leads into nothing and nobody; else none."""
-        steps = (dx, dy), (dx, 0.0), (0.0, dy)
-        return next((step for step in steps if self._is_free(one, *step, others)), (0.0, 0.0))
 
     def _is_free(self, one: int, dx: float, dy: float, others: list[tuple[float, float, float]]) -> bool:
         """Whether a step [m] leads into nothing and nobody."""

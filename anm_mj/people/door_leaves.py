@@ -32,11 +32,7 @@ class DoorLeaves:
     """The leaves of a scene; a copy moves on by itself."""
 
     def __init__(self, floor: WalkingFloor, number: int, start_m: Float[np.ndarray, "2"]) -> None:
-        """Hang leaves in the doorways nearest to a place [m], all shut.
-
-        Raises:
-            SceneError: there are fewer doorways for leaves.
-        """
+        """Hang leaves in the doorways nearest to a place [m], all shut. Raises SceneError if there are fewer."""
         near = sorted(floor.doorways, key=lambda door: math.dist(door.middle_m, start_m)) if number else []
         hung = [hinge for door in near for hinge in _hinges(door, floor)[:1]][:number]
         if len(hung) < number:
@@ -77,18 +73,11 @@ class DoorLeaves:
         """Shut all."""
         self._turned_rad[:] = self._side[:] = 0.0
 
-    def move(
-        self,
-        ways_m: list[Float[np.ndarray, "k 2"]],
-        bodies: Float[np.ndarray, "b 3"],
-        period_s: float,
-    ) -> None:
-        """Turn leaves that people walk towards, or that are turning, by one period [s].
+    def move(self, ways_m: list[Float[np.ndarray, "k 2"]], bodies: Float[np.ndarray, "b 3"], period_s: float) -> None:
+        """Turn leaves that people walk towards, or that are turning, by one period [s], but into nobody.
 
-        Args:
-            ways_m: of each person who walks, its place and the next places on its way.
-            bodies: x, y and radius of everybody, the robot too; no leaf turns into one [m].
-            period_s: how long the leaves turn.
+        ``ways_m`` has of each person who walks its place and the next ones on its way, ``bodies`` x, y and radius of
+        everybody, the robot too [m].
         """
         for one in range(len(self)):
             if not self._side[one]:
@@ -101,11 +90,6 @@ class DoorLeaves:
             after_m = self._gaps_m(one, bodies)
             if ((after_m < 0.0) & (after_m < gaps_m)).any():
                 self._turned_rad[one] = before
-
-    def gap_m(self, xy_m: Float[np.ndarray, "2"], radius_m: float) -> float:
-        """Between a body at a place and the nearest leaf [m]; infinite without any."""
-        body = np.array([[*xy_m, radius_m]])
-        return min((float(self._gaps_m(one, body)[0]) for one in range(len(self))), default=math.inf)
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], radius_m: float) -> bool:
         """Whether a body would touch a leaf anywhere on a straight line, and come nearer to it by that."""
@@ -133,7 +117,7 @@ class DoorLeaves:
 
     def _gaps_m(self, one: int, bodies: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " b"]:
         """Between bodies, by x, y and radius, and a leaf [m]."""
-        yaw_rad = self._shut_rad[one] + self._side[one] * self._turned_rad[one]
+        yaw_rad = self.yaw_rad[one]
         along = np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
         away = bodies[:, :2] - self.hinge_m[one]
         share_m = (away @ along).clip(0.0, self.length_m[one])

@@ -134,15 +134,14 @@ class Figures:
 
     def __init__(self, model: mujoco.MjModel, crowd: Crowd) -> None:
         """Look up the figures of a crowd in a model."""
-        self._mocap = [
-            [int(model.body_mocapid[model.body(f"{PREFIX}{number}_{part}").id]) for part in _PARTS]
-            for number in range(crowd.config.number)
-        ]
-        things = [f"{_VACUUM_NAME}{number}" for number in range(crowd.config.vacuums)]
-        for name in things + [CHAIR_NAME] * crowd.config.has_chair:
-            self._mocap.append([int(model.body_mocapid[model.body(name).id])])
-        leaves = [model.body(f"{_LEAF_NAME}{number}").id for number in range(len(crowd.doors))]
-        self._leaves = [[int(model.body_mocapid[leaf])] for leaf in leaves]
+        config = crowd.config
+        names = [[f"{PREFIX}{number}_{part}" for part in _PARTS] for number in range(config.number)]
+        names += [[f"{_VACUUM_NAME}{number}"] for number in range(config.vacuums)] + [[CHAIR_NAME]] * config.has_chair
+        leaves = [[f"{_LEAF_NAME}{number}"] for number in range(len(crowd.doors))]
+        self._mocap, self._leaves = (
+            [[int(model.body_mocapid[model.body(part).id]) for part in parts] for parts in bodies]
+            for bodies in (names, leaves)
+        )
 
     def write(self, crowd: Crowd, data: mujoco.MjData) -> None:
         """Place and pose everybody in a state of the model."""

@@ -40,11 +40,7 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
         return self.number + self.vacuums + self.has_chair
 
     def __post_init__(self) -> None:
-        """Check the settings.
-
-        Raises:
-            ConfigError: one is out of range, or contradicts another.
-        """
+        """Check the settings. Raises ConfigError if one is out of range, or contradicts another."""
         super().__post_init__()
         if self.slowest_mps > self.fastest_mps:
             raise ConfigError(

@@ -5,13 +5,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 from skimage.graph import MCP_Geometric
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
-from anm_mj.scene.navigable import NavigableArea, pooled, scene_area
+from anm_mj.scene.navigable import pooled, scene_area
 from anm_mj.scene.room_segmentation import DOOR_MAX_M, segment_rooms
 from anm_mj.types import Footprint
 
@@ -42,11 +42,7 @@ class WalkingFloor:
     """The largest connected floor of a scene for people."""
 
     def __init__(self, scene: Scene) -> None:
-        """Find it.
-
-        Raises:
-            SceneError: there is hardly any.
-        """
+        """Find it. Raises SceneError if there is hardly any."""
         try:
             area = scene_area(scene, BODY)
         except SceneError as err:
@@ -55,7 +51,10 @@ class WalkingFloor:
                 f"{2 * BODY.radius_m:g} m wide: leave out --people, or give another scene."
             ) from err
         self._area = area
-        self._slope = self._slope_of(area)
+        by_row, by_col = np.gradient(area.clearance_m)
+        length = np.maximum(np.hypot(by_row, by_col), 1e-6)
+        self._slope = np.stack([by_col / length, by_row / length]).astype(np.float32)
+        """Unit vectors (x, y) away from the nearest obstacle, of each cell."""
         routes = pooled(area, _ROUTE_CELLS)
         crowding = np.clip((BODY.radius_m + _COMFORT_M - routes.clearance_m) / _COMFORT_M, 0.0, 1.0)
         self._routes = routes
@@ -63,23 +62,12 @@ class WalkingFloor:
         self.doorways = self._find_doorways(scene)
         """Those between two rooms."""
         self._doorways_m = np.array([door.middle_m for door in self.doorways]).reshape(-1, 2)
-        places = routes.grid.centres_m(*np.nonzero(self._roomy(routes)))
-        doorways = self._doorways_m
+        roomy = (routes.component == 1) & (routes.clearance_m >= _PLACE_CLEARANCE_M)
+        places, doorways = routes.grid.centres_m(*np.nonzero(roomy)), self._doorways_m
         apart_m = KDTree(doorways).query(places)[0] if len(doorways) else np.full(len(places), math.inf)
         places = places[apart_m > _IN_DOORWAY_M] if (apart_m > _IN_DOORWAY_M).any() else places
         self.places_m: Float[np.ndarray, "n 2"] = places if len(places) else routes.places(1)
         """Places to walk to, and to stand at: not in doorways, where there are others [m]."""
-
-    @staticmethod
-    def _slope_of(area: NavigableArea) -> Float32[np.ndarray, "2 rows cols"]:
-        """Unit vectors (x, y) away from the nearest obstacle."""
-        by_row, by_col = np.gradient(area.clearance_m)
-        length = np.maximum(np.hypot(by_row, by_col), 1e-6)
-        return np.stack([by_col / length, by_row / length]).astype(np.float32)
-
-    @staticmethod
-    def _roomy(routes: NavigableArea) -> Bool[np.ndarray, "rows cols"]:
-        return (routes.component == 1) & (routes.clearance_m >= _PLACE_CLEARANCE_M)
 
     def clearance(self, x_m: float, y_m: float) -> tuple[float, float, float]:
         """Distance to the nearest obstacle [m] and the direction (x, y) away from it; zeros outside of the floor."""
@@ -93,17 +81,14 @@ class WalkingFloor:
 
     def path(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
         """Places from one on to another, a tenth of a metre apart; the end alone where nothing leads there [m]."""
-        return self._ways(start_m, [self._cell(end_m)])(end_m)
+        return self.ways(start_m, end_m)(end_m)
 
-    def ways(self, start_m: Float[np.ndarray, "2"]) -> Callable[[Float[np.ndarray, "2"]], Float[np.ndarray, "k 2"]]:
-        """:meth:`path` from a place, by its end: one search for all ends."""
-        return self._ways(start_m, None)
-
-    def _ways(
-        self, start_m: Float[np.ndarray, "2"], ends: list[tuple[int, int]] | None
+    def ways(
+        self, start_m: Float[np.ndarray, "2"], only_m: Float[np.ndarray, "2"] | None = None
     ) -> Callable[[Float[np.ndarray, "2"]], Float[np.ndarray, "k 2"]]:
+        """:meth:`path` from a place, by its end: one search for all ends, or for ``only_m`` [m]."""
         search = MCP_Geometric(self._cost)
-        cost, _ = search.find_costs([self._cell(start_m)], ends)
+        cost, _ = search.find_costs([self._cell(start_m)], None if only_m is None else [self._cell(only_m)])
 
         def to(end_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
             end = self._cell(end_m)
@@ -114,11 +99,7 @@ class WalkingFloor:
         return to
 
     def doorway(self, near_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """The middle of the doorway that is nearest to a place, but not at it [m].
-
-        Raises:
-            SceneError: the floor has none.
-        """
+        """The middle of the doorway nearest to a place, but not at it [m]. Raises SceneError if the floor has none."""
         xy = self._doorways_m
         if not len(xy):
             raise SceneError("The floor has no doorway for somebody to stand in: set people.blocked_s=0.")

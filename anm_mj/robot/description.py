@@ -6,6 +6,7 @@ follow from the geoms.
 """
 
 import hashlib
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,30 +17,43 @@ from jaxtyping import Float
 from anm_mj.errors import RobotError
 from anm_mj.mjcf.poses import body_pose, camera_pose
 from anm_mj.mjcf.read_mjcf import OutsideError, compile_spec, read_spec
-from anm_mj.robot.body_tree import CompiledRobot, name_all, solid_geoms, unused_name
-from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.camera_mount import mount_camera, remount_camera, upright_camera
-from anm_mj.robot.camera_search import (
+from anm_mj.robot.compiled_robot import (
+    CompiledRobot,
+    height_range_m,
+    name_all,
+    require_size,
+    robot_footprint,
+    solid_geoms,
+    unused_name,
+)
+from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
+from anm_mj.robot.isolate import give_free_joint, hangs_on_joint, isolate_robot, lock_joints
+from anm_mj.robot.joint_positions import at_key_frame
+from anm_mj.robot.reduced_model import reduced_mjcf
+from anm_mj.robot.robot_camera import (
     camera_heading,
     find_camera,
+    mount_camera,
+    remount_camera,
     require_field_of_view,
     require_outside,
     require_view_ahead,
+    upright_camera,
     use_field_of_view,
 )
-from anm_mj.robot.casters import TOUCHES_FLOOR_M, let_casters_slide, lowest_xy_m
-from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
-from anm_mj.robot.footprint import require_size, robot_footprint
-from anm_mj.robot.geom_extent import height_range_m
-from anm_mj.robot.isolate import give_free_joint, isolate_robot
-from anm_mj.robot.joint_positions import at_key_frame
-from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
-from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
-from anm_mj.robot.reduced_model import WHEEL_JOINTS, WheelMount, reduced_mjcf
-from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
-from anm_mj.robot.servos import fit_servos
-from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
+from anm_mj.robot.servos import fit_servos, give_planar_joints, planar_base_frame
+from anm_mj.robot.wheels import (
+    TOUCHES_FLOOR_M,
+    Wheel,
+    base_frame,
+    free_endless_hinges,
+    let_casters_slide,
+    lowest_xy_m,
+    read_wheels,
+    replace_wheel_contacts,
+)
 from anm_mj.types import Footprint
 
 _SLOWEST_MPS = 0.01
@@ -155,7 +169,7 @@ def describe_robot(
     model, data = robot.model, robot.data
     base = _find_base(robot, drive, T_root_base)
     camera_name, T_base_camera, fovy_deg, rolled = _camera(robot, config, drive, base, camera, image_px)
-    shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
+    shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.T_world_base[2, 3])
     if not solid_geoms(model):
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
     footprint, body_radius = robot_footprint(model, data, base.T_world_base)
@@ -206,7 +220,7 @@ def describe_robot(
         footprint=footprint,
         support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
         centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[base.root] + T_base_world[:3, 3],
-        reduced_mjcf=reduced_mjcf(model, data, base.root, base.T_world_base, T_base_camera, _wheel_mounts(model, base)),
+        reduced_mjcf=reduced_mjcf(model, data, base.root, base.T_world_base, T_base_camera, base.sides, base.track_m),
         hash=hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest(),
         key_frame=key_frame,
         locked=tuple(locked),
@@ -223,22 +237,18 @@ class _Base:
     T_root_base: Float[np.ndarray, "4 4"]
     moves: str
     """What moves it, for messages."""
-    lefts: tuple[Wheel, ...] = ()
-    rights: tuple[Wheel, ...] = ()
+    sides: tuple[tuple[Wheel, ...], ...] = ()
+    """Left and right wheels; none of a holonomic base."""
     wheel_signs: tuple[float, ...] = ()
     track_m: float = 0.0
 
     @property
     def wheels(self) -> list[Wheel]:
-        return [*self.lefts, *self.rights]
+        return list(itertools.chain(*self.sides))
 
     @property
     def wheel_radius_m(self) -> float:
-        return self.lefts[0].radius_m if self.lefts else 0.0
-
-    @property
-    def floor_z_m(self) -> float:
-        return float(self.T_world_base[2, 3])
+        return self.sides[0][0].radius_m if self.sides else 0.0
 
 
 def _find_base(robot: CompiledRobot, drive: DriveJoints, T_root_base: Float[np.ndarray, "4 4"] | None) -> _Base:
@@ -251,21 +261,7 @@ def _find_base(robot: CompiledRobot, drive: DriveJoints, T_root_base: Float[np.n
     T_world_base, track_m, signs = base_frame(lefts, rights, robot.path)
     rolls = f"the wheels {', '.join(drive.left)} (left) and {', '.join(drive.right)} (right) roll"
     T_root_base = np.linalg.inv(T_world_root) @ T_world_base
-    return _Base(root, T_world_base, T_root_base, rolls, tuple(lefts), tuple(rights), signs, track_m)
-
-
-def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
-    if not base.wheels:
-        return ()
-    return tuple(
-        WheelMount(
-            name,
-            tuple(wheel.body for wheel in side),
-            np.array([0.0, sign * base.track_m / 2.0, base.wheel_radius_m]),
-            sum(float(model.dof_armature[model.joint(wheel.joint).dofadr[0]]) for wheel in side),
-        )
-        for name, sign, side in zip(WHEEL_JOINTS, (1.0, -1.0), (base.lefts, base.rights), strict=True)
-    )
+    return _Base(root, T_world_base, T_root_base, rolls, (tuple(lefts), tuple(rights)), signs, track_m)
 
 
 def _camera(
@@ -312,7 +308,6 @@ def _shell_and_casters(
     model: mujoco.MjModel, data: mujoco.MjData, on_wheels: set[int], floor_z_m: float
 ) -> tuple[list[int], list[int]]:
     """Solid geoms other than the wheels: the shell, which should touch nothing, and the casters, which touch the floor.
-
     A body that reaches down to the floor is both.
     """
     solid = [g for g in solid_geoms(model) if int(model.body_weldid[model.geom_bodyid[g]]) not in on_wheels]

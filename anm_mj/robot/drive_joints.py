@@ -1,6 +1,7 @@
 """Finds the joints that drive a robot: two wheels, the wheels of a skid-steered base, or planar joints."""
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,10 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import joints_above, subtree
-from anm_mj.robot.geom_extent import height_range_m
+from anm_mj.robot.compiled_robot import joints_above, lowest_m, subtree
 from anm_mj.robot.robot_config import RobotConfig
-from anm_mj.robot.wheel_names import is_passive, side_of
 
 HOLONOMIC = "holonomic"
 DIFFERENTIAL = "differential"
@@ -22,6 +21,13 @@ _NEAR_FLOOR_M = 0.03
 """A wheel reaches down to within this distance of the robot's lowest point [m]."""
 _ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_WHEEL = {"wheel", "wheels", "whl", "drivewhl", "tire", "tyre"}
+_LEFT = {"left", "l", "lh", "lft", "port", "fl", "rl", "bl", "ml", "lf", "lb", "lr"}
+_RIGHT = {"right", "r", "rh", "rgt", "starboard", "fr", "rr", "br", "mr", "rf", "rb"}
+_PASSIVE = {"caster", "castor", "suspension", "steer", "steering", "swivel", "roller", "ball", "omni"}
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_PREFIXES = ("left", "right", "wheel")
+_ENDINGS = ("wheel", "caster", "castor")
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,38 @@ def find_drive_joints(
     )
 
 
+def side_of(name: str) -> str:
+    """``left`` or ``right`` for the name of a wheel on that side; ``wheel`` for another wheel; else empty.
+
+    ``joint_left_wheel``, ``wheel_left_joint``, ``leftWheel``, ``fl_wheel``, ``robot/l_wheel_joint`` are left wheels.
+    Casters, suspensions and steering joints are none.
+    """
+    words = set(_words(name))
+    if words & _PASSIVE or not words & _WHEEL:
+        return ""
+    left, right = bool(words & _LEFT), bool(words & _RIGHT)
+    if left == right:
+        return "wheel"
+    return "left" if left else "right"
+
+
+def is_passive(name: str) -> bool:
+    """Whether a name is that of a caster, a suspension or a steering joint."""
+    return bool(set(_words(name)) & _PASSIVE)
+
+
+def _words(name: str) -> list[str]:
+    """Lower-case words of a name; words written together, such as ``leftwheel``, are split."""
+    found = []
+    for word in (match.lower() for match in _WORDS.findall(name)):
+        while prefix := next((p for p in _PREFIXES if word.startswith(p) and word not in (p, "wheels")), None):
+            found.append(prefix)
+            word = word[len(prefix) :]
+        ends_in = next((end for end in _ENDINGS if word.endswith(end) and word != end), None)
+        found += [word[: -len(ends_in)], ends_in] if ends_in else [word]
+    return found
+
+
 def _given(model: mujoco.MjModel, names: str, side: str, path: Path) -> list[int]:
     found = []
     for name in (part.strip() for part in names.split(",") if part.strip()):
@@ -160,7 +198,7 @@ def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[i
         if model.jnt_type[joint] != _HINGE or model.jnt_limited[joint] or is_passive(model.joint(joint).name):
             continue
         body = int(model.jnt_bodyid[joint])
-        geoms = [g for b in subtree(model, body) for g in range(model.ngeom) if model.geom_bodyid[g] == b]
+        geoms = np.flatnonzero(np.isin(model.geom_bodyid, subtree(model, body))).tolist()
         others = [j for j in joints_above(model, body) if j != joint]
         root = int(model.body_rootid[body])
         swivels = [
@@ -170,12 +208,8 @@ def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[i
         ]
         if abs(data.xaxis[joint][2]) > _LEVEL or not geoms:
             continue
-        lowest = min(height_range_m(model, data, g)[0] for g in geoms)
-        floor = min(
-            height_range_m(model, data, g)[0]
-            for g in range(model.ngeom)
-            if model.body_rootid[model.geom_bodyid[g]] == root
-        )
+        lowest = lowest_m(model, data, geoms)
+        floor = lowest_m(model, data, np.flatnonzero(model.body_rootid[model.geom_bodyid] == root).tolist())
         if lowest < floor + _NEAR_FLOOR_M and lowest < data.xanchor[joint][2]:
             found.append((joint, swivels))
     return found

@@ -36,10 +36,8 @@ def at_key_frame(model: mujoco.MjModel, wanted: str, path: Path) -> tuple[mujoco
     if name:
         key = known.index(name)
         qpos = model.key_qpos[key].copy()
-        for joint in range(model.njnt):
-            if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-                start = model.jnt_qposadr[joint]
-                qpos[start : start + 7] = model.qpos0[start : start + 7]
+        for start in model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
+            qpos[start : start + 7] = model.qpos0[start : start + 7]
         data.qpos[:] = qpos
         if np.array_equal(qpos, model.qpos0) and model.key_ctrl[key].any():
             _reach_targets(model, data, model.key_ctrl[key])
@@ -55,7 +53,8 @@ def _reach_targets(model: mujoco.MjModel, data: mujoco.MjData, ctrl: np.ndarray)
         if model.actuator_biasprm[a, 1] < 0.0 and model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
     ]
     targets = -ctrl[servos] * model.actuator_gainprm[servos, 0] / model.actuator_biasprm[servos, 1]
-    moment = np.zeros((model.nu, model.nv))
+    single = model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # Slides and hinges.
+    moment, limited = np.zeros((model.nu, model.nv)), np.flatnonzero(single & (model.jnt_limited != 0))
     for _ in range(_ITERATIONS):
         mujoco.mj_forward(model, data)
         mujoco.mju_sparse2dense(
@@ -69,14 +68,12 @@ def _reach_targets(model: mujoco.MjModel, data: mujoco.MjData, ctrl: np.ndarray)
             rows = data.efc_J.reshape(data.nefc, model.nv)
         jacobian = np.concatenate([moment[servos], rows[equal]])
         missing = np.concatenate([targets - data.actuator_length[servos], -data.efc_pos[equal]])
-        for joint in range(model.njnt):
-            if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-                jacobian[:, model.jnt_dofadr[joint] : model.jnt_dofadr[joint] + 6] = 0.0
+        for start in model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
+            jacobian[:, start : start + 6] = 0.0
         step = np.linalg.lstsq(jacobian, missing, rcond=1e-6)[0]
         mujoco.mj_integratePos(model, data.qpos, step, 1.0)
-        for joint in np.flatnonzero(model.jnt_limited):
-            if mujoco.mjtJoint(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                at = model.jnt_qposadr[joint]
-                data.qpos[at] = np.clip(data.qpos[at], *model.jnt_range[joint])
+        for joint in limited:
+            at = model.jnt_qposadr[joint]
+            data.qpos[at] = np.clip(data.qpos[at], *model.jnt_range[joint])
         if np.abs(step).max(initial=0.0) < _CONVERGED:
             break

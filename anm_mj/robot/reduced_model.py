@@ -6,14 +6,13 @@ forward, y left, z up), two hinges ``wheel_left`` and ``wheel_right`` about +y, 
 hinge instead of free joint and wheels. It has no geoms and nothing else that pinocchio's reader silently ignores.
 """
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.mjcf.poses import quaternion_of
-from anm_mj.robot.body_tree import subtree
+from anm_mj.robot.compiled_robot import subtree
+from anm_mj.robot.wheels import Wheel
 
 LOOK_AHEAD_M = 0.15
 """Distance of the site ``look_ahead`` in front of the axle [m]."""
@@ -29,45 +28,36 @@ _PLANAR = "".join(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class WheelMount:
-    """One wheel of a compiled robot."""
-
-    name: str
-    """Its name in the reduced model."""
-    bodies: tuple[int, ...]
-    """Bodies of the compiled robot that the wheel stands for, one for each wheel of its side; their descendants turn
-    with them."""
-    centre_m: Float[np.ndarray, "3"]
-    """Its centre on the axle, in the base [m]."""
-    armature: float
-    """Inertia of its motor [kg m²]."""
-
-
 def reduced_mjcf(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     root: int,
     T_world_base: Float[np.ndarray, "4 4"],
     T_base_camera: Float[np.ndarray, "4 4"],
-    wheels: tuple[WheelMount, ...],
+    sides: tuple[tuple[Wheel, ...], ...],
+    track_m: float,
 ) -> str:
     """The reduced model of a compiled robot, as MJCF text; all joints but the wheels keep the positions in ``data``.
 
-    ``root`` is the index of its root body; camera axes are x right, y down, z forward; ``wheels`` are left and right,
-    or none for a base that moves by planar joints, which get the names in ``PLANAR_JOINTS``.
+    ``root`` is the index of its root body; camera axes are x right, y down, z forward. ``sides`` are the left and the
+    right wheels, ``track_m`` apart, or none for a base that moves by planar joints, which get the names in
+    ``PLANAR_JOINTS``. A wheel's descendants turn with it.
     """
     T_base_world = np.linalg.inv(T_world_base)
     on_robot = [body for body in range(model.nbody) if model.body_rootid[body] == root]
-    on_wheels = [sorted({body for turning in wheel.bodies for body in subtree(model, turning)}) for wheel in wheels]
+    on_wheels = [sorted({body for wheel in side for body in subtree(model, wheel.body)}) for side in sides]
     on_base = [body for body in on_robot if not any(body in group for group in on_wheels)]
-    hinges = "".join(
-        f'<body name="{wheel.name}" pos="{_text(wheel.centre_m)}">'
-        f'<joint name="{wheel.name}" type="hinge" axis="0 1 0" armature="{wheel.armature!r}"/>'
-        f"{_inertial(model, data, bodies, T_base_world, wheel.centre_m)}</body>"
-        for wheel, bodies in zip(wheels, on_wheels, strict=True)
-    )
-    joints = '<freejoint name="base"/>' if wheels else _PLANAR
+    hinges = ""
+    # None without wheels.
+    for name, sign, side, bodies in zip(WHEEL_JOINTS, (1.0, -1.0), sides, on_wheels, strict=False):
+        centre_m = np.array([0.0, sign * track_m / 2.0, side[0].radius_m])
+        armature = sum(float(model.dof_armature[model.joint(wheel.joint).dofadr[0]]) for wheel in side)
+        hinges += (
+            f'<body name="{name}" pos="{_text(centre_m)}">'
+            f'<joint name="{name}" type="hinge" axis="0 1 0" armature="{armature!r}"/>'
+            f"{_inertial(model, data, bodies, T_base_world, centre_m)}</body>"
+        )
+    joints = '<freejoint name="base"/>' if sides else _PLANAR
     quaternion = quaternion_of(T_base_camera[:3, :3])
     return (
         f'<mujoco model="reduced"><compiler angle="radian"/><worldbody><body name="base">{joints}'

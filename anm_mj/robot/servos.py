@@ -1,9 +1,16 @@
-"""Velocity servos on a robot's wheels: those of its file where they are strong enough, else ours."""
+"""What moves a base in simulation: velocity servos on its wheels, or planar joints with servos, in place of its file's.
+
+Servos of the file stay where they are strong enough.
+"""
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
-from anm_mj.robot.body_tree import unused_name
+from anm_mj.mjcf.poses import set_pose
+from anm_mj.robot.compiled_robot import lowest_m, solid_geoms, unused_name
+from anm_mj.robot.isolate import remove_joints
+from anm_mj.robot.reduced_model import PLANAR_JOINTS
 
 _KV_PER_INERTIA = 2.0 / (9.6 * 0.05**2)
 """Gain of a motor per mass times squared wheel radius [1/s], scaled from the servos of ``models/diff_drive``."""
@@ -14,6 +21,11 @@ _WEAK = 0.25
 """A servo of the file with less than this share of that gain is replaced."""
 _STICKY_RADPS = 0.1
 """A servo that needs a larger speed error to overcome its joint's friction is replaced [rad/s]."""
+_SINKS_M = 0.005
+_GAP_M = 0.15
+"""Highest gap between the floor and a body without wheels [m]."""
+_SERVO_HZ = 40.0
+"""Gain of a planar servo per mass [1/s]."""
 
 
 def fit_servos(
@@ -51,10 +63,69 @@ def fit_servos(
     return tuple(names), top_radps, notes
 
 
-def make_velocity_servo(servo: "mujoco._specs.MjsActuator", kv: float, top_force: float) -> None:
-    """Make an actuator added to a joint a velocity servo, whatever the file's defaults for actuators say.
+def planar_base_frame(
+    model: mujoco.MjModel, data: mujoco.MjData, joints: tuple[str, ...], ahead: Float[np.ndarray, "3"] | None
+) -> Float[np.ndarray, "4 4"]:
+    """``T_world_base``: on the floor below the upright hinge, x along the first slide, or to where the camera looks.
+    The camera counts where it looks more than 30 degrees aside of the slide: such a base drives in any direction.
+    """
+    ids = [model.joint(name).id for name in joints]
+    hinge = next(j for j in ids if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE)
+    slide = next(j for j in ids if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE)
+    forward = np.array([*data.xaxis[slide][:2], 0.0])
+    forward /= np.linalg.norm(forward)
+    if ahead is not None and ahead @ forward < np.cos(np.radians(30.0)):
+        forward = ahead
+    geoms = [g for g in solid_geoms(model) if model.geom_bodyid[g]] or list(range(model.ngeom))
+    T_world_base = np.eye(4)
+    T_world_base[:3, 0] = forward
+    T_world_base[:3, 1] = np.cross([0.0, 0.0, 1.0], forward)
+    T_world_base[:2, 3] = data.xanchor[hinge][:2]
+    lowest = lowest_m(model, data, geoms)
+    # Such files draw the floor at z = 0 and leave a gap below the body, which nothing else tells.
+    T_world_base[2, 3] = 0.0 if -_SINKS_M <= lowest <= _GAP_M else lowest
+    return T_world_base
 
-    ``kv`` is its gain [N s/m or N m s/rad], ``top_force`` the largest force or torque that it exerts [N or N m].
+
+def give_planar_joints(
+    spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, "4 4"], mass_kg: float, radius_m: float
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Replace the root's joints by two slides and a hinge whose positions are the pose of the base, with servos.
+    Returns the names of the joints, and of their velocity servos [m/s, m/s, rad/s].
+    """
+    body = spec.body(root)
+    remove_joints(spec, {joint.name for joint in body.joints})
+    set_pose(body, np.linalg.inv(T_root_base))
+    joints, servos = [], []
+    for column, wanted in enumerate(PLANAR_JOINTS):
+        turns = column == 2
+        joint = body.add_joint(
+            name=unused_name(wanted, spec.joint),
+            type=mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=T_root_base[:3, column],
+            pos=T_root_base[:3, 3],
+            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            # Not those of the file's defaults.
+            damping=np.zeros(3),
+            stiffness=np.zeros(3),
+            frictionloss=0.0,
+            armature=0.0,
+        )
+        servo = spec.add_actuator(
+            name=unused_name(f"{wanted}_servo", spec.actuator), target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
+        kv = _SERVO_HZ * mass_kg * (radius_m**2 if turns else 1.0)
+        # Enough to accelerate within the limits of motion; a robot that is held fast pushes no harder.
+        top = mass_kg * (6.0 * radius_m**2 * 4.0 if turns else 6.0)
+        make_velocity_servo(servo, kv, top)
+        joints.append(joint.name)
+        servos.append(servo.name)
+    return tuple(joints), tuple(servos)
+
+
+def make_velocity_servo(servo: "mujoco._specs.MjsActuator", kv: float, top_force: float) -> None:
+    """Make an actuator added to a joint a velocity servo, whatever the file's defaults for actuators say. ``kv`` is its
+    gain [N s/m or N m s/rad], ``top_force`` the largest force or torque that it exerts [N or N m].
     """
     servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     servo.dyntype, servo.actlimited = mujoco.mjtDyn.mjDYN_NONE, False

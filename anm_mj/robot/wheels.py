@@ -1,4 +1,6 @@
-"""Reads the wheels of a robot from its geoms and adapts their contacts so that they roll in simulation."""
+"""Wheels and casters: reads the driven wheels of a robot from its geoms and adapts their contacts so that they roll in
+simulation; what else stands on the floor slides there without friction.
+"""
 
 import math
 from dataclasses import dataclass
@@ -9,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.body_tree import unused_name
-from anm_mj.robot.geom_extent import height_range_m, support_m
+from anm_mj.robot.compiled_robot import CompiledRobot, height_range_m, lowest_m, support_m, unused_name
 
 ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""
@@ -20,6 +21,13 @@ _LEAST_TRACK_M = 0.02
 """Wheels that are nearer to each other belong to a file that is not in metres, or share no axle [m]."""
 _MIN_ARMATURE = 0.04
 """Least motor inertia per mass and squared wheel radius; with less, wheels of light robots chatter at 2 ms."""
+TOUCHES_FLOOR_M = 0.005
+"""Geoms that begin below this height roll or slide on the floor: wheels and casters [m]."""
+_SINKS_M = 2e-4
+"""A caster that reaches farther below the wheels would carry the robot instead of them [m]."""
+_TOO_LOW_M = 0.03
+"""What reaches farther below the wheels is no caster [m]."""
+_SPHERE_M = 0.008
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +49,11 @@ class Wheel:
 
 def free_endless_hinges(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     """Remove the ranges of hinges that are wider than 20 turns; whether there was one."""
-    found = [
-        j
-        for j in range(model.njnt)
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and model.jnt_limited[j]
-        and np.ptp(model.jnt_range[j]) > _ENDLESS_RAD
-    ]
+    limited = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
+    found = np.flatnonzero(limited & (np.ptp(model.jnt_range, axis=1) > _ENDLESS_RAD))
     for joint in found:
         spec.joint(model.joint(joint).name).limited = mujoco.mjtLimited.mjLIMITED_FALSE
-    return bool(found)
+    return len(found) > 0
 
 
 def read_wheels(
@@ -134,6 +137,55 @@ def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: l
         )
 
 
+def let_casters_slide(
+    robot: CompiledRobot, casters: list[int], root: str, T_world_base: Float[np.ndarray, "4 4"]
+) -> list[str]:
+    """Remove the friction of caster geoms, whatever the friction of the floor; what was changed besides.
+
+    Suspensions are locked, so a caster that reaches below the wheels would lift them. A small sphere that ends on the
+    floor replaces its contact. Raises RobotError if something reaches far below the wheels.
+    """
+    spec, model, data, shortened = robot.spec, robot.model, robot.data, []
+    for caster in casters:
+        name = model.geom(caster).name
+        geom = spec.geom(name)
+        sinks_m = float(T_world_base[2, 3]) - height_range_m(model, data, caster)[0]
+        if sinks_m > _TOO_LOW_M:
+            raise RobotError(
+                f"The geom {name} of {robot.path} reaches {100 * sinks_m:.1f} cm below the wheels, so that they do not "
+                "touch the floor; raise it, or name the wheels that the robot stands on by --set "
+                "model.left_wheel=NAME --set model.right_wheel=NAME."
+            )
+        geom.condim, geom.priority = 1, max(geom.priority, 1)
+        if sinks_m > _SINKS_M:
+            geom.contype = geom.conaffinity = 0
+            place = np.append(lowest_xy_m(model, data, caster), T_world_base[2, 3] + _SPHERE_M)
+            body = model.body(root).id
+            local = data.xmat[body].reshape(3, 3).T @ (place - data.xpos[body])
+            spec.body(root).add_geom(
+                name=unused_name(f"{name}_contact", spec.geom),
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[_SPHERE_M, 0.0, 0.0],
+                pos=local,
+                condim=1,
+                priority=max(int(geom.priority), 1),
+                mass=0.0,
+                group=4,
+            )
+            shortened.append(f"{name} (by {1000 * sinks_m:.1f} mm)")
+    return [f"casters shortened to the height of the wheels: {', '.join(shortened)}"] if shortened else []
+
+
+def lowest_xy_m(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Float[np.ndarray, "2"]:
+    """Where a geom touches the floor [m]: the mean of a mesh's lowest vertices, else below its centre."""
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        world = model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+        return world[world[:, 2] < world[:, 2].min() + 1e-3, :2].mean(axis=0)
+    return data.geom_xpos[geom, :2].copy()
+
+
 def _wheel(model: mujoco.MjModel, data: mujoco.MjData, name: str, path: Path) -> Wheel:
     joint = model.joint(name).id
     body = int(model.jnt_bodyid[joint])
@@ -150,7 +202,7 @@ def _wheel(model: mujoco.MjModel, data: mujoco.MjData, name: str, path: Path) ->
     anchor, axis = data.xanchor[joint].copy(), data.xaxis[joint].copy()
     reach = np.array([support_m(model, data, geom, np.stack([axis, -axis])) for geom in touching])
     far, near = reach[:, 0].max() - anchor @ axis, -reach[:, 1].max() - anchor @ axis
-    lowest = min(height_range_m(model, data, geom)[0] for geom in touching)
+    lowest = lowest_m(model, data, touching)
     centre = anchor + axis * (far + near) / 2.0
     return Wheel(
         joint=name,

@@ -1,7 +1,5 @@
 """Sends velocities to a live robot: within limits, and none while anything is wrong or in the way."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading
@@ -9,31 +7,69 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float, Float32
 
-from anm_mj.ros.blocked_way import is_way_blocked
+from anm_mj.control.speed_and_acceleration import MotionLimits, clipped, slewed
+from anm_mj.frames import pixel_directions
 from anm_mj.ros.drive_config import RosConfig
 from anm_mj.ros.health import Health
 from anm_mj.ros.names import TWIST, TWIST_STAMPED
 from anm_mj.ros.node import Node
-from anm_mj.types import Twist
+from anm_mj.types import Intrinsics, Twist
 
 PERIOD_S = 0.02
 _AFTER_S = 0.4
 """Zeros are sent for so long after the robot was to stop [s]; then others may drive it."""
 _LAST_ZEROS = 5
 STILL = Twist(0.0, 0.0)
+_REACTION_S = 0.15
+"""What a robot drives before a command is effective: images, wire and motors are late by this [s]."""
+_POINTS = 5000
+"""About so many pixels are looked at for obstacles."""
+_FEWEST = 4
+"""Fewer points are noise rather than an obstacle."""
 
 _logger = logging.getLogger(__name__)
 
 
+def free_way_m(
+    depth_m: Float32[np.ndarray, "h w"],
+    camera: Intrinsics,
+    T_base_camera: Float[np.ndarray, "4 4"],
+    half_width_m: float,
+    heights_m: tuple[float, float],
+) -> float:
+    """How far ahead of its axis a robot's way is free, by raw depth [m]; +inf where nothing is seen in it. Depth is
+    planar; ``half_width_m`` is that of the way, ``heights_m`` are the lower and the upper end of what meets the robot.
+    """
+    every = max(1, round(math.sqrt(depth_m.size / _POINTS)))
+    depth = depth_m[::every, ::every].astype(float)
+    there = np.isfinite(depth)
+    points = pixel_directions(camera)[::every, ::every][there] * depth[there][:, None]
+    x, y, z = T_base_camera[:3, :3] @ points.T + T_base_camera[:3, 3:]
+    low, high = heights_m
+    ahead = np.sort(x[(np.abs(y) < half_width_m) & (z > low) & (z < high) & (x > 0.0)])
+    return float(ahead[_FEWEST - 1]) if len(ahead) >= _FEWEST else math.inf
+
+
+def is_way_blocked(way_m: float, forward_mps: float, reach_m: float, config: RosConfig) -> bool:
+    """Whether a robot that goes forward at a speed [m/s] must stop for what it would meet, way to rest included.
+    ``way_m`` is what :func:`free_way_m` gave; it is to stop within ``reach_m`` anyway [m].
+    """
+    speed = max(forward_mps, 0.0)
+    braking_m = speed * _REACTION_S + speed**2 / (2.0 * config.forward_mps2)
+    return way_m < config.radius_m + config.clearance_m + min(braking_m, reach_m)
+
+
 class Commander:
-    """A thread that sends velocities. Close it, or use it in a ``with`` statement: the robot is stopped then."""
+    """A thread that sends velocities. Close it: the robot is stopped then."""
 
     def __init__(self, node: Node, config: RosConfig, health: Health, *, dry: bool = False) -> None:
         """Begin with a robot at rest. Nothing is driven while ``health`` knows of a fault, and nothing sent at all if
         it is ``dry``.
         """
         self._node, self._config, self._health, self.dry = node, config, health, dry
+        self._limits = MotionLimits(config.forward_mps, config.forward_mps2, config.turn_radps, config.turn_radps2)
         kind = TWIST_STAMPED if config.stamped else TWIST
         self._to = None if dry else node.publisher(config.command, kind)
         self._wanted = self._now = STILL
@@ -73,12 +109,6 @@ class Commander:
             self._send()
             time.sleep(PERIOD_S)
 
-    def __enter__(self) -> Commander:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _run(self) -> None:
         while not self._closing.wait(PERIOD_S):
             fault = self._health.present()
@@ -90,7 +120,8 @@ class Commander:
             if fault is not None:
                 self._now = STILL
             else:
-                self._now = self._limited(Twist(0.0, wanted.turn_radps) if self.is_blocked else wanted)
+                wanted = clipped(Twist(0.0, wanted.turn_radps) if self.is_blocked else wanted, self._limits)
+                self._now = slewed(self._now, wanted, self._limits, PERIOD_S)
             if self._wanted != STILL:
                 self._active_until_s = time.monotonic() + _AFTER_S
             if time.monotonic() < self._active_until_s:
@@ -104,16 +135,6 @@ class Commander:
         elif fault is None and self._said is not None:
             self._said = None
             _logger.warning("The robot goes on: everything is back.")
-
-    def _limited(self, wanted: Twist) -> Twist:
-        config, now = self._config, self._now
-        most, most_turn = config.forward_mps2 * PERIOD_S, config.turn_radps2 * PERIOD_S
-        forward = float(np.clip(wanted.forward_mps, -config.forward_mps, config.forward_mps))
-        turn = float(np.clip(wanted.turn_radps, -config.turn_radps, config.turn_radps))
-        return Twist(
-            now.forward_mps + float(np.clip(forward - now.forward_mps, -most, most)),
-            now.turn_radps + float(np.clip(turn - now.turn_radps, -most_turn, most_turn)),
-        )
 
     def _send(self) -> None:
         if self._to is None:

@@ -1,9 +1,10 @@
 """Finds the topics of a live robot and waits until all of them say something that fits together."""
 
+import functools
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
 from anm_mj.errors import RobotError
@@ -58,7 +59,7 @@ def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connec
         for source in (*intake.sources, poses.source):
             health.expect(source)
         navigation = _navigation(node, config, end, is_over)
-        with Commander(node, ros, health, dry=config.dry or navigation is not None) as commander:
+        with closing(Commander(node, ros, health, dry=config.dry or navigation is not None)) as commander:
             robot = LiveRobot(intake, poses, commander, health, config)
             robot.is_over = is_over
             try:
@@ -90,18 +91,21 @@ def _topics(node: Node, config: DriveConfig, end: float, is_over: Callable[[], b
     """Name and type of the topics of ``colour``, ``depth``, ``camera`` and ``odometry``. Raises RobotError if there is
     none, or several, of a role.
     """
-    ros, settled = config.ros, time.monotonic() + _SETTLE_S
+    ros, images, settled = config.ros, (IMAGE, COMPRESSED), time.monotonic() + _SETTLE_S
     while True:
-        there = node.published()
+        choose = functools.partial(_choose, node, node.published())
         try:
             found = {
-                "colour": _choose("colour", node, ros.colour, there, (IMAGE, COMPRESSED), _is_colour),
-                "depth": _choose("depth", node, ros.depth, there, (IMAGE, COMPRESSED), _is_depth),
+                "colour": choose(
+                    "colour", ros.colour, images, lambda name: "depth" not in name and "infra" not in name
+                ),
+                "depth": choose("depth", ros.depth, images, lambda name: "depth" in name),
             }
             beside = [f"{folder}/camera_info" for folder in image_folders(found["depth"][0])]
-            found["camera"] = _choose("camera", node, ros.camera, there, (CAMERA_INFO,), beside.__contains__)
+            found["camera"] = choose("camera", ros.camera, (CAMERA_INFO,), beside.__contains__)
             if ros.odometry != TREE:
-                found["odometry"] = _choose("odometry", node, ros.odometry, there, (ODOMETRY_TYPE,), _is_odometry)
+                of = (ODOMETRY_TYPE,)
+                found["odometry"] = choose("odometry", ros.odometry, of, lambda name: "ground_truth" not in name)
         except LookupError as err:
             if is_over() or time.monotonic() > end:
                 raise RobotError(f"The run cannot begin: {err}.") from err
@@ -112,7 +116,7 @@ def _topics(node: Node, config: DriveConfig, end: float, is_over: Callable[[], b
 
 
 def _choose(
-    role: str, node: Node, named: str, there: dict[str, str], kinds: tuple[str, ...], fits: Callable[[str], bool]
+    node: Node, there: dict[str, str], role: str, named: str, kinds: tuple[str, ...], fits: Callable[[str], bool]
 ) -> tuple[str, str]:
     """The topic that was named, or the only one of its type that fits; raises LookupError."""
     words = " or ".join(kind.replace("/msg/", "/") for kind in kinds)
@@ -134,18 +138,6 @@ def _choose(
     if len(fit) > 1:
         raise LookupError(f"{', '.join(sorted(fit))} may be {role}; name one by --topic {role}=NAME")
     return fit[0], there[fit[0]]
-
-
-def _is_depth(name: str) -> bool:
-    return "depth" in name
-
-
-def _is_colour(name: str) -> bool:
-    return "depth" not in name and "infra" not in name
-
-
-def _is_odometry(name: str) -> bool:
-    return "ground_truth" not in name
 
 
 def _subscribe(node: Node, intake: RgbdIntake, poses: Poses, topics: dict[str, tuple[str, str]]) -> None:

@@ -30,14 +30,8 @@ class Control:
     """
 
     def __init__(self, node: Node, mapper: NeuralMap, policy: ReturnToStart, state: LoopState, *, waits: bool) -> None:
-        """Listen.
-
-        Args:
-            node: hears.
-            mapper: is saved.
-            policy: is sent home.
-            state: of the loop, whose plan ends then.
-            waits: whether the first action waits for ``start``.
+        """Listen; ``policy`` is sent home, which ends the plan in the loop's ``state``. The first action ``waits`` for
+        ``start``, or not.
         """
         self._mapper, self._policy, self._state = mapper, policy, state
         self._run = threading.Event()

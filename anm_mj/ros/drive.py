@@ -22,8 +22,8 @@ from anm_mj.resume import resume
 from anm_mj.ros.connect import connect
 from anm_mj.ros.control import Control
 from anm_mj.ros.drive_config import DriveConfig
-from anm_mj.ros.goal_driver import GoalDriver
 from anm_mj.ros.map_publisher import MapPublisher
+from anm_mj.ros.navigation import GoalDriver
 from anm_mj.run import run_with
 from anm_mj.run_parts import Parts, make_localiser, make_mapper, wrapped_policy
 

@@ -11,11 +11,10 @@ from jaxtyping import Float, Float32
 from anm_mj.control.action_motion import action_motion
 from anm_mj.errors import RobotError
 from anm_mj.frames import back_project, move_pose, pose_matrix, relative_pose, wrap_angle
-from anm_mj.ros.blocked_way import free_way_m
-from anm_mj.ros.commander import PERIOD_S, STILL, Commander
+from anm_mj.ros.commander import PERIOD_S, STILL, Commander, free_way_m
 from anm_mj.ros.drive_config import DriveConfig
-from anm_mj.ros.goal_driver import GoalDriver
 from anm_mj.ros.health import Health
+from anm_mj.ros.navigation import GoalDriver
 from anm_mj.ros.poses import Poses
 from anm_mj.ros.rgbd_intake import Rgbd, RgbdIntake
 from anm_mj.types import (

@@ -1,17 +1,23 @@
-"""Goals for a navigation that is not ours: the topic ``goal_pose``, or the action ``NavigateToPose`` of nav2."""
+"""Drives by goals for a navigation that is not ours: the topic ``goal_pose``, or nav2's action ``NavigateToPose``."""
 
+import logging
 import math
 import secrets
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from anm_mj.frames import wrap_angle
+from anm_mj.loop_state import LoopState
+from anm_mj.ros.health import Health
 from anm_mj.ros.names import MAP
 from anm_mj.ros.node import STATE, Node
-from anm_mj.ros.services import Client, ServiceKind, register_type
-from anm_mj.types import Pose2
+from anm_mj.ros.poses import Poses
+from anm_mj.ros.services import Client, ServiceKind
+from anm_mj.types import ARRIVED_M, FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 GOAL_TOPIC, ACTION = "goal_pose", "navigate_to_pose"
@@ -29,13 +35,24 @@ CANCEL = ServiceKind(
     f"{_UUID}builtin_interfaces/Time stamp\n",
     "int8 return_code\naction_msgs/GoalInfo[] goals_canceling\n",
 )
-FEEDBACK = f"{_NAME}_FeedbackMessage"
-FEEDBACK_FIELDS = (
-    f"{_UUID}geometry_msgs/PoseStamped current_pose\nbuiltin_interfaces/Duration navigation_time\n"
-    "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\nfloat32 distance_remaining\n"
-)
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """Of ``action_msgs/GoalStatus``."""
+_PATIENCE_S = 0.25
+_QUARTER_RAD = math.pi / 2
+"""A turn on the spot is a goal so far ahead; navigations take less than a step for arrived."""
+_RESTS_S = 1.0
+"""Where nobody says that a goal is reached: a robot near it that has not moved for so long is there [s]."""
+_NEAR_M = 0.5
+_STUCK_S = 20.0
+"""A robot that has not moved for so long on its way is stuck; navigations take their time to recover [s]."""
+
+_logger = logging.getLogger(__name__)
+
+
+def goal_message(node: Node, goal: Pose2, time_s: float) -> Any:
+    """A pose in the map as ``PoseStamped``."""
+    make = node.messages
+    return make.make(POSE_STAMPED, header=make.header(time_s, MAP), pose=make.base_pose(goal))
 
 
 class Told(NamedTuple):
@@ -43,8 +60,6 @@ class Told(NamedTuple):
 
     is_over: bool = False
     reached: bool = False
-    left_m: float = math.inf
-    """Of the way [m]; +inf where it does not say."""
 
 
 @runtime_checkable
@@ -93,11 +108,9 @@ class NavigateAction:
         """Look for the server."""
         self._node, self._goal = node, b""
         self._told, self._lock = Told(), threading.Lock()
-        register_type(node.messages.store, FEEDBACK, FEEDBACK_FIELDS)
         self._send = Client(node, f"{ACTION}/_action/send_goal", SEND_GOAL)
         self._result = Client(node, f"{ACTION}/_action/get_result", GET_RESULT)
         self._cancel = Client(node, f"{ACTION}/_action/cancel_goal", CANCEL)
-        node.subscribe(f"{ACTION}/_action/feedback", FEEDBACK, self._feedback, STATE)
 
     @property
     def is_there(self) -> bool:
@@ -135,11 +148,6 @@ class NavigateAction:
         over = self._about(number, lambda reply: Told(is_over=True, reached=reply.status == SUCCEEDED))
         self._result.call(over, goal_id=self._uuid(number))
 
-    def _feedback(self, message: Any, _: int) -> None:
-        with self._lock:
-            if message.goal_id.uuid.tobytes() == self._goal and not self._told.is_over:
-                self._told = Told(left_m=message.distance_remaining)
-
     def _about(self, number: bytes, tell: Callable[[Any], Told | None]) -> Callable[[Any], None]:
         """Takes in a reply, if it is about the present goal."""
 
@@ -154,7 +162,85 @@ class NavigateAction:
         return self._node.messages.make("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(number, np.uint8))
 
 
-def goal_message(node: Node, goal: Pose2, time_s: float) -> Any:
-    """A pose in the map as ``PoseStamped``."""
-    make = node.messages
-    return make.make(POSE_STAMPED, header=make.header(time_s, MAP), pose=make.base_pose(goal))
+class GoalDriver:
+    """One goal for each plan; an action ends once the robot has moved by as much, and the robot drives on."""
+
+    def __init__(self, navigation: Navigation, poses: Poses, health: Health, state: LoopState) -> None:
+        """Combine the parts. The robot is stopped while ``health`` knows of a fault; the plan of the loop's ``state``
+        names the target.
+        """
+        self._navigation, self._poses, self._health, self._state = navigation, poses, health, state
+        self._serves: object = None
+        """What the present goal is for; None = there is no goal."""
+
+    def act(self, action: Action, is_over: Callable[[], bool]) -> bool:
+        """Let the robot move by about one action; whether it cannot."""
+        start = pose = self._last()
+        turned, moved_at, since = 0.0, start, time.monotonic()
+        self._send_for(action)
+        while not is_over():
+            new = self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
+            if new is None or self._health.present() is not None:
+                self.stop()
+                since = time.monotonic()
+                continue
+            if self._serves is None:
+                self._send_for(action)
+            turned += wrap_angle(new.yaw_rad - pose.yaw_rad)
+            pose = new
+            if math.dist(pose.xy_m, start.xy_m) >= FORWARD_STEP_M or abs(turned) >= TURN_STEP_RAD:
+                return False
+            if math.dist(pose.xy_m, moved_at.xy_m) > 0.01 or abs(wrap_angle(pose.yaw_rad - moved_at.yaw_rad)) > 0.02:
+                moved_at, since = pose, time.monotonic()
+            told, rests_s = self._navigation.told, time.monotonic() - since
+            if told.is_over or (rests_s > _RESTS_S and math.dist(self._in_map().xy_m, self._goal.xy_m) < _NEAR_M):
+                turns, self._serves = isinstance(self._serves, int), None
+                if turns and (told.reached or not told.is_over):
+                    # One quarter is done, and the action wants to turn on.
+                    self._send_for(action)
+                    since = time.monotonic()
+                    continue
+                # A navigation stops within its own tolerance; the policy decides from there.
+                self._state.follower.drop()
+                reached = told.reached or not told.is_over
+                return not reached or (pose.xy_m == start.xy_m and action is Action.MOVE_FORWARD)
+            if rests_s > _STUCK_S:
+                _logger.warning("The robot did not move for %g s towards its goal.", _STUCK_S)
+                self.stop()
+                return True
+        return False
+
+    def stop(self) -> None:
+        """Take the goal back."""
+        if self._serves is not None:
+            self._serves = None
+            self._navigation.cancel(self._in_map(), self._poses.latest_s)
+
+    def _send_for(self, action: Action) -> None:
+        plan, here = self._state.plan, self._in_map()
+        target = None if plan is None else plan.target_xy_m
+        if plan is not None and target is not None and math.dist(target, here.xy_m) > ARRIVED_M:
+            way = target - (plan.path_xy_m[-2] if len(plan.path_xy_m) > 1 else here.xy_m)
+            yaw = plan.headings_rad[0] if plan.headings_rad else math.atan2(way[1], way[0])
+            serves, goal = plan, Pose2(float(target[0]), float(target[1]), float(yaw))
+        else:
+            side = {Action.TURN_LEFT: 1, Action.TURN_RIGHT: -1}.get(action, 0)
+            serves, goal = side, Pose2(here.x_m, here.y_m, wrap_angle(here.yaw_rad + side * _QUARTER_RAD))
+        if serves is not self._serves or (self._serves is not None and self._navigation.told.is_over):
+            self._serves, self._goal = serves, goal
+            self._navigation.send(goal, self._poses.latest_s)
+
+    def _last(self) -> Pose2:
+        return self._poses.base(self._poses.latest_s) or Pose2(0.0, 0.0, 0.0)
+
+    def _in_map(self) -> Pose2:
+        """Where the robot is in the map: its last estimate there, and what the odometry has measured since."""
+        seen = self._state.observation
+        then = None if seen is None else self._poses.base(seen.time_s)
+        if seen is None or then is None:
+            return self._last()
+        now = self._last()
+        c, s = math.cos(seen.pose.yaw_rad - then.yaw_rad), math.sin(seen.pose.yaw_rad - then.yaw_rad)
+        x, y = now.x_m - then.x_m, now.y_m - then.y_m
+        yaw = wrap_angle(seen.pose.yaw_rad + now.yaw_rad - then.yaw_rad)
+        return Pose2(seen.pose.x_m + c * x - s * y, seen.pose.y_m + s * x + c * y, yaw)

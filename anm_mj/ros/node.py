@@ -13,15 +13,17 @@ from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct
+from cyclonedds.idl import types as idl
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from rosbags.interfaces import Nodetype
 
 from anm_mj.errors import ConfigError, RobotError
 from anm_mj.io.ros_messages import RosMessages
-from anm_mj.ros.dds_types import DdsTypes
 from anm_mj.ros.network import domain, domain_id, network_config
 
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
@@ -30,6 +32,14 @@ _BLOCKING_S = 0.02
 _POLL_S = 0.2
 """The thread of the subscriptions looks so often whether it is to end [s]."""
 _NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
+_NUMBERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64")
+_BASE = {name: getattr(idl, name) for name in _NUMBERS} | {
+    "bool": bool,
+    "string": str,
+    "byte": idl.uint8,
+    "char": idl.uint8,
+    "octet": idl.uint8,
+}
 
 Heard = Callable[[Any, int], object]
 """Called with a message, and a number that stands for its publisher."""
@@ -37,6 +47,37 @@ Parse = Callable[[bytes], Any]
 """Makes a message of what was received."""
 
 _logger = logging.getLogger(__name__)
+
+
+class DdsTypes:
+    """Makes the types of DDS for messages, such as ``sensor_msgs::msg::dds_::Image_``, by the definitions of rosbags.
+
+    The types only tell peers what is sent: messages are serialised by rosbags, because a Python list of numbers for
+    each image would cost a hundred times as much.
+    """
+
+    def __init__(self, store: Any) -> None:
+        self._store = store
+        self._made: dict[str, type] = {}
+
+    def of(self, kind: str) -> type:
+        """The type of DDS of a message type such as ``sensor_msgs/msg/Image``."""
+        if kind not in self._made:
+            package, group, leaf = kind.split("/")
+            fields = {name: self._field(found) for name, found in self._store.fielddefs[kind][1]}
+            self._made[kind] = make_idl_struct(f"{leaf}_", f"{package}.{group}.dds_.{leaf}_", fields)
+        return self._made[kind]
+
+    def _field(self, found: Any) -> Any:
+        node, of = found
+        if node == Nodetype.BASE:
+            return _BASE[of[0]]
+        if node == Nodetype.NAME:
+            return self.of(of)
+        inner, count = self._field(of[0]), of[1]
+        if node == Nodetype.ARRAY:
+            return idl.array[inner, count]
+        return idl.sequence[inner, count] if count else idl.sequence[inner]
 
 
 class Delivery(NamedTuple):
@@ -70,8 +111,6 @@ class Publisher:
 
     def __init__(self, writer: Any, messages: RosMessages, topic: str) -> None:
         self._writer, self._messages, self.topic = writer, messages, topic
-        self.num_lost = 0
-        """Messages that a slow reliable subscriber had no room for."""
 
     def publish(self, message: Any) -> None:
         """Send a message to all subscribers; one that has no room for it does not get it."""
@@ -81,9 +120,8 @@ class Publisher:
         """Send a message that is serialised already."""
         # DDS counts in words.
         status = ddspy_write(self._writer._ref, cdr.ljust(-(-len(cdr) // 4) * 4, b"\0"))
-        if status == DDSException.DDS_RETCODE_TIMEOUT:
-            self.num_lost += 1
-        elif status < 0:
+        # A timeout: a slow reliable subscriber had no room for it.
+        if status < 0 and status != DDSException.DDS_RETCODE_TIMEOUT:
             raise RobotError(f"{self.topic} cannot be published ({DDSException(status)}); start the program again.")
 
     @property
@@ -137,22 +175,26 @@ class Node:
 
     def publisher(self, topic: str, kind: str, delivery: Delivery = STATE) -> Publisher:
         """Publish messages of a type such as ``nav_msgs/msg/Odometry``."""
-        name = self.name(topic)
-        writer = DataWriter(self._participant, self._topic(f"rt{name}", kind), delivery.policies())
-        return Publisher(writer, self.messages, name)
+        return self.raw_publisher(f"rt{self.name(topic)}", kind, delivery)
 
     def subscribe(self, topic: str, kind: str, heard: Heard, delivery: Delivery = SENSOR) -> None:
         """Call ``heard`` with each message of a topic; ``delivery`` is what is asked of publishers."""
-        self._read(f"rt{self.name(topic)}", self.name(topic), kind, heard, delivery)
+        self.raw_subscribe(f"rt{self.name(topic)}", kind, heard, delivery=delivery)
 
-    def raw_publisher(self, dds_name: str, kind: str) -> Publisher:
-        """Publish on a topic of DDS that is none of ROS 2, such as one of the two of a service."""
-        writer = DataWriter(self._participant, self._topic(dds_name, kind), STATE.policies())
+    def raw_publisher(self, dds_name: str, kind: str, delivery: Delivery = STATE) -> Publisher:
+        """Publish on a topic by its name of DDS, such as one of the two of a service."""
+        writer = DataWriter(self._participant, self._topic(dds_name, kind), delivery.policies())
         return Publisher(writer, self.messages, dds_name[2:])
 
-    def raw_subscribe(self, dds_name: str, kind: str, heard: Heard, parse: Parse | None = None) -> None:
-        """Hear a topic of DDS that is none of ROS 2; ``parse`` takes what is not all of its type."""
-        self._read(dds_name, dds_name[2:], kind, heard, STATE, parse)
+    def raw_subscribe(
+        self, dds_name: str, kind: str, heard: Heard, parse: Parse | None = None, *, delivery: Delivery = STATE
+    ) -> None:
+        """Hear a topic by its name of DDS; ``parse`` takes what is not all of its type."""
+        reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
+        condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        with self._lock:
+            self._waitset.attach(condition)
+            self._readers.append((reader, dds_name[2:], parse or functools.partial(self.parse, kind), heard))
 
     def parse(self, kind: str, cdr: bytes) -> Any:
         """The message of a type that was serialised."""
@@ -183,15 +225,6 @@ class Node:
         if (name, kind) not in self._topics:
             self._topics[name, kind] = Topic(self._participant, name, self._types.of(kind))
         return self._topics[name, kind]
-
-    def _read(
-        self, dds_name: str, name: str, kind: str, heard: Heard, delivery: Delivery, parse: Parse | None = None
-    ) -> None:
-        reader = DataReader(self._participant, self._topic(dds_name, kind), delivery.policies())
-        condition = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
-        with self._lock:
-            self._waitset.attach(condition)
-            self._readers.append((reader, name, parse or functools.partial(self.parse, kind), heard))
 
     def _spin(self) -> None:
         while not self._closing.is_set():

@@ -94,12 +94,9 @@ class Poses:
 
     def wait_newer(self, than_s: float, within_s: float) -> Pose2 | None:
         """The last pose of the base, once there is one later than a stamp [s]; None if that takes too long [s]."""
-        end = time.monotonic() + within_s
         with self._news:
-            while self.latest_s <= than_s:
-                left = end - time.monotonic()
-                if left <= 0.0 or not self._news.wait(left):
-                    return None
+            if not self._news.wait_for(lambda: self.latest_s > than_s, within_s):
+                return None
         return self.base(self.latest_s)
 
     def base(self, time_s: float) -> Pose2 | None:

@@ -2,7 +2,6 @@
 
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -105,15 +104,13 @@ class RgbdIntake:
 
     def wait_newer(self, than_s: float, within_s: float) -> Rgbd | None:
         """The last pair, once there is one at or after a stamp [s]; None if that takes too long [s]."""
-        end = time.monotonic() + within_s
         with self._news:
-            while self._pair is None or self._pair[0] < than_s:
-                left = end - time.monotonic()
-                if left <= 0.0 or not self._news.wait(left):
-                    return None
-            (time_s, colour, depth_m, frame), found = self._pair, self._camera
-        assert found is not None  # No pair comes before.
-        camera, bent = found
+            self._news.wait_for(lambda: self._pair is not None and self._pair[0] >= than_s, within_s)
+            pair, calibrated = self._pair, self._camera
+        # No pair comes before the calibration.
+        if pair is None or calibrated is None or pair[0] < than_s:
+            return None
+        (time_s, colour, depth_m, frame), (camera, bent) = pair, calibrated
         rgb = colour_image(colour)
         if bent is not None:
             rgb = undistortion(camera, bent).colour(rgb)

@@ -98,9 +98,8 @@ def serve(node: Node, service: str, kind: ServiceKind, called: Callable[[Any, An
 
 
 def serve_trigger(node: Node, service: str, called: Callable[[], tuple[bool, str]]) -> None:
-    """Offer a service ``std_srvs/srv/Trigger``; ``called`` gives success and message of the reply.
-
-    Callers whose ROS 2 does not run on Cyclone DDS are obeyed, and get no reply: their requests do not name them.
+    """Offer a service ``std_srvs/srv/Trigger``; ``called`` gives success and message of the reply. Callers whose ROS 2
+    does not run on Cyclone DDS are obeyed, and get no reply: their requests do not name them.
     """
     store, request_kind = node.messages.store, f"{TRIGGER.name}_Request"
     # Cyclone DDS keeps back what is shorter than its type.

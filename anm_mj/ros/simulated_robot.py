@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.speed_and_acceleration import MotionLimits, clipped, slewed
 from anm_mj.errors import ConfigError
 from anm_mj.frames import pose_matrix
 from anm_mj.ros import names
@@ -118,17 +118,9 @@ class SimulatedRosRobot:
 
     def _limited(self) -> Twist:
         """The velocity of the next period: towards the command as fast as the limits allow."""
-        limits, now, wanted = self._limits, self._now, self._wanted
-        if (time.monotonic() - self._wanted_s) * self._rate > COMMAND_TIMEOUT_S:
-            wanted = _STILL
-        top, bend = limits.forward_mps, limits.turn_radps
-        forward = float(np.clip(wanted.forward_mps, -top, top)) - now.forward_mps
-        turn = float(np.clip(wanted.turn_radps, -bend, bend)) - now.turn_radps
-        most, most_turn = limits.forward_mps2 * PERIOD_S, limits.turn_radps2 * PERIOD_S
-        return Twist(
-            now.forward_mps + float(np.clip(forward, -most, most)),
-            now.turn_radps + float(np.clip(turn, -most_turn, most_turn)),
-        )
+        is_late = (time.monotonic() - self._wanted_s) * self._rate > COMMAND_TIMEOUT_S
+        wanted = clipped(_STILL if is_late else self._wanted, self._limits)
+        return slewed(self._now, wanted, self._limits, PERIOD_S)
 
     def _publish_state(self, stands: bool) -> None:
         robot, make, now_s = self._robot, self._node.messages, self._robot.data.time

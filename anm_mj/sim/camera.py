@@ -16,6 +16,8 @@ VISIBLE_GROUPS = (0, 2)
 """Geom groups that the camera sees: 0, the default group of MJCF, and 2, the visual meshes of a scene. It does not see
 the robot's own body (1) and the scene's collision boxes (3)."""
 
+Image = tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]
+"""Colours, and planar depth [m]."""
 _Self = TypeVar("_Self", bound="Camera")
 """typing.Self, which beartype does not support in methods that jaxtyping checks."""
 
@@ -41,19 +43,15 @@ class Camera(ABC):
             raise RenderError(
                 f'Camera "{camera_name}" is given by a sensor size; give it by its field of view (fovy) instead.'
             )
-        self._intrinsics = Intrinsics.from_fov(width, height, math.radians(model.cam_fovy[self._camera_id]))
-
-    @property
-    def intrinsics(self) -> Intrinsics:
+        self.intrinsics = Intrinsics.from_fov(width, height, math.radians(model.cam_fovy[self._camera_id]))
         """The exact pinhole model of the images."""
-        return self._intrinsics
 
     def T_world_camera(self, data: mujoco.MjData) -> Float[np.ndarray, "4 4"]:
         """Camera to world; camera axes x right, y down, z forward."""
         return rigid_transform(data.cam_xmat[self._camera_id], data.cam_xpos[self._camera_id]) @ T_GL_CV
 
     @abstractmethod
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Colour and planar z [m] of the present state, in new arrays; NaN without a hit within the model's ``zfar``.
 
         ``data`` has body and camera poses up to date (``mj_kinematics`` and ``mj_camlight``, or ``mj_forward``). Raises

@@ -8,7 +8,7 @@ from anm_mj.sim.camera import Camera
 from anm_mj.sim.gl import GlBackend, require_unforked
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
-from anm_mj.sim.render_mesh import are_moved, are_static_meshes, visible_geoms
+from anm_mj.sim.render_mesh import are_static_meshes, visible_geoms
 from anm_mj.utils.raycast import embree_installed
 
 _logger = logging.getLogger(__name__)
@@ -42,13 +42,11 @@ def make_camera(
 
 
 def camera_kind(model: mujoco.MjModel, backend: GlBackend) -> str:
-    """``gl``, ``embree`` or ``mujoco rays``: depends on the scene, the installed packages and the GL renderer.
-
-    The speed of the machine has no influence, so the same run gets the same images.
+    """``gl``, ``embree`` or ``mujoco rays``: depends on the scene, the installed packages and the GL renderer. The
+    speed of the machine has no influence, so the same run gets the same images.
     """
-    geoms = visible_geoms(model)
-    geoms = geoms[~are_moved(model, geoms)]
-    embree = embree_installed() and len(geoms) > 0 and bool(are_static_meshes(model, geoms).all())
+    geoms = visible_geoms(model, moved=False)
+    embree = embree_installed() and are_static_meshes(model, geoms)
     if backend.name == "off":
         return EmbreeCamera.kind if embree else MujocoRayCamera.kind
     software = any(name in backend.renderer_string.lower() for name in _SOFTWARE_GL)

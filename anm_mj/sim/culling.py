@@ -35,7 +35,6 @@ class Culling:
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics, *, znear_m: float):
         """Compute bounding boxes of the static meshes, which must not change; all other geoms are always rendered.
-
         ``znear_m`` is the distance of the near plane [m].
         """
         still = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid] == 0)
@@ -78,9 +77,8 @@ class Culling:
         return self._geoms[~self._in_view | self._skipped]
 
     def accept(self, depth_m: Float32[np.ndarray, "h w"]) -> bool:
-        """Verify an image by its planar depth [m], NaN without a hit.
-
-        False if some skipped meshes may be visible, which ``skipped_geoms`` then omits.
+        """Verify an image by its planar depth [m], NaN without a hit. False if some skipped meshes may be visible,
+        which ``skipped_geoms`` then omits.
         """
         if not self._opaque:
             return True
@@ -110,26 +108,19 @@ class _FarthestDepth:
         padded[:height, :width] = np.where(np.isnan(depth_m), np.float32(np.inf), depth_m)
         cells = padded.reshape(rows, _BLOCK_PX, cols * _BLOCK_PX).max(axis=1)
         cells = cells.reshape(rows, cols, _BLOCK_PX).max(axis=2)
-        self._shape = (rows, cols)
+        self._size = np.array([cols, rows])
         self._tables = np.array([_doubled(level, axis=1) for level in _doubled(cells, axis=0)])
 
     def within(self, extent_px: Float64[np.ndarray, "n 4"], margin_px: int) -> Float32[np.ndarray, " n"]:
         """The farthest depth within u_min, v_min, u_max, v_max and a margin [m]; -inf outside the image."""
-        rows, cols = self._shape
-        first_col = np.floor((extent_px[:, 0] - margin_px) / _BLOCK_PX).astype(np.int64)
-        first_row = np.floor((extent_px[:, 1] - margin_px) / _BLOCK_PX).astype(np.int64)
-        last_col = np.floor((extent_px[:, 2] + margin_px) / _BLOCK_PX).astype(np.int64)
-        last_row = np.floor((extent_px[:, 3] + margin_px) / _BLOCK_PX).astype(np.int64)
-        empty = (last_col < 0) | (last_row < 0) | (first_col >= cols) | (first_row >= rows)
-        first_col, last_col = np.clip(first_col, 0, cols - 1), np.clip(last_col, 0, cols - 1)
-        first_row, last_row = np.clip(first_row, 0, rows - 1), np.clip(last_row, 0, rows - 1)
-        i, j = _log2(last_row - first_row + 1), _log2(last_col - first_col + 1)
-        second_row, second_col = last_row + 1 - (1 << i), last_col + 1 - (1 << j)
-        found = np.maximum(
-            np.maximum(self._tables[i, j, first_row, first_col], self._tables[i, j, first_row, second_col]),
-            np.maximum(self._tables[i, j, second_row, first_col], self._tables[i, j, second_row, second_col]),
-        )
-        return np.where(empty, np.float32(-np.inf), found)
+        first = np.floor((extent_px[:, :2] - margin_px) / _BLOCK_PX).astype(np.int64)
+        last = np.floor((extent_px[:, 2:] + margin_px) / _BLOCK_PX).astype(np.int64)
+        empty = ((last < 0) | (first >= self._size)).any(axis=1)
+        first, last = np.clip(first, 0, self._size - 1), np.clip(last, 0, self._size - 1)
+        level = _log2(last - first + 1)
+        (col, row), (j, i), (col2, row2) = first.T, level.T, (last + 1 - (1 << level)).T
+        corners = (self._tables[i, j, y, x] for y in (row, row2) for x in (col, col2))
+        return np.where(empty, np.float32(-np.inf), np.maximum.reduce(list(corners)))
 
 
 def _doubled(cells: Float32[np.ndarray, "r c"], axis: int) -> list[Float32[np.ndarray, "r c"]]:
@@ -141,7 +132,7 @@ def _doubled(cells: Float32[np.ndarray, "r c"], axis: int) -> list[Float32[np.nd
     return levels
 
 
-def _log2(counts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+def _log2(counts: Int[np.ndarray, "n 2"]) -> Int[np.ndarray, "n 2"]:
     return np.frexp(counts.astype(np.float64))[1].astype(np.int64) - 1
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.mjcf.read_mjcf import MAX_ROBOT_ELEMENTS, root_tag
-from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.description import RobotDescription, describe_robot
-from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.model_path import find_uri, world_places

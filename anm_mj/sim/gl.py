@@ -127,9 +127,8 @@ def _imported_backend() -> str | None:
 
 
 def _probe_cached(name: str) -> str:
-    """The GL_RENDERER string of a working back-end, from the cache after its first success.
-
-    Failures are not cached: the user will install something and try again.
+    """The GL_RENDERER string of a working back-end, from the cache after its first success. Failures are not cached:
+    the user will install something and try again.
     """
     path = _cache_path(name)
     try:

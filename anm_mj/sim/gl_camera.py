@@ -16,13 +16,13 @@ from contextlib import contextmanager, suppress
 
 import mujoco
 import numpy as np
-from jaxtyping import Float32, Int, UInt8
+from jaxtyping import Float32, Int
 
 from anm_mj.errors import RenderError
-from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
+from anm_mj.sim.camera import VISIBLE_GROUPS, Camera, Image
 from anm_mj.sim.culling import Culling, is_worth_culling
 from anm_mj.sim.gl import forget_backend
-from anm_mj.sim.gl_mipmaps import smooth_mipmaps
+from anm_mj.sim.mipmap import smooth_mipmaps
 
 _MAX_GEOMS = 20_000
 _FLAGS_OFF = ("SHADOW", "REFLECTION", "SKYBOX", "FOG", "HAZE", "WIREFRAME", "ADDITIVE")
@@ -68,34 +68,28 @@ class GlCamera(Camera):
         self._viewpoint.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._viewpoint.fixedcamid = self._camera_id
 
-        self._culling = None
+        self.culling: Culling | None = None
+        """Selects the meshes to render; None if the camera always renders all of them."""
         if is_worth_culling(model) if cull_hidden is None else cull_hidden:
             znear_m = model.vis.map.znear * model.stat.extent
-            self._culling = Culling(model, self._intrinsics, znear_m=znear_m)
+            self.culling = Culling(model, self.intrinsics, znear_m=znear_m)
         self._rgb = np.empty((height, width, 3), np.uint8)
         self._depth = np.empty((height, width), np.float32)
 
-    @property
-    def culling(self) -> Culling | None:
-        """Selects the meshes to render; None if the camera always renders all of them."""
-        return self._culling
-
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Render colour and depth; see :meth:`Camera.render`."""
         if self._gl_context is None:
             raise RenderError("This camera is closed; make a new GlCamera to render again.")
         _make_current(self._gl_context)
-        if self._culling is None:
+        if self.culling is None:
             return self._draw(data, np.zeros(0, np.int64))
-        self._culling.start_image(self.T_world_camera(data))
+        self.culling.start_image(self.T_world_camera(data))
         while True:
-            rgb, depth_m = self._draw(data, self._culling.skipped_geoms())
-            if self._culling.accept(depth_m):
+            rgb, depth_m = self._draw(data, self.culling.skipped_geoms())
+            if self.culling.accept(depth_m):
                 return rgb, depth_m
 
-    def _draw(
-        self, data: mujoco.MjData, skipped: Int[np.ndarray, " n"]
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def _draw(self, data: mujoco.MjData, skipped: Int[np.ndarray, " n"]) -> Image:
         categories = mujoco.mjtCatBit.mjCAT_STATIC | mujoco.mjtCatBit.mjCAT_DYNAMIC
         groups = self._model.geom_group[skipped].copy()
         try:

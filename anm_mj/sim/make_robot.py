@@ -21,7 +21,6 @@ from anm_mj.utils.threads import usual_num_threads
 
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
-    from anm_mj.sim.sensors.sensor_config import SensorConfig
     from anm_mj.sim.sim_robot import SimRobot
 
 _PREFIX = "robot/"
@@ -71,7 +70,6 @@ def make_robot(
     from anm_mj.people.walking_floor import WalkingFloor
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
-    from anm_mj.sim.ahead_camera import AheadCamera
     from anm_mj.sim.camera_factory import make_camera
     from anm_mj.sim.describe_file import describe_file
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
@@ -79,6 +77,7 @@ def make_robot(
     from anm_mj.sim.drives.trail import Trail
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.sim_robot import SimRobot
+    from anm_mj.sim.views_ahead import AheadCamera
 
     description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint)
@@ -97,7 +96,11 @@ def make_robot(
         add=None if crowd is None else functools.partial(add_figures, crowd=crowd, seed=config.seed),
         added=added,
     )
-    _require_range(config.sensor, model.vis.map.zfar * model.stat.extent)
+    if config.sensor.max_range_m > (far_m := model.vis.map.zfar * model.stat.extent):
+        raise RobotError(
+            f"sensor.max_range_m is {config.sensor.max_range_m:g} m, but the camera's far plane lies at {far_m:.3g} m; "
+            "give a shorter range."
+        )
     data = mujoco.MjData(model)
     odometer = odometer_of(kinematics_of(description), noise=config.model.wheel_noise, seed=config.seed)
     if config.drive == "kinematic":
@@ -134,14 +137,6 @@ def make_robot(
         knows_start=knows_start,
         copied=copied,
     )
-
-
-def _require_range(sensor: SensorConfig, far_m: float) -> None:
-    if sensor.max_range_m > far_m:
-        raise RobotError(
-            f"sensor.max_range_m is {sensor.max_range_m:g} m, but the camera's far plane lies at {far_m:.3g} m; "
-            "give a shorter range."
-        )
 
 
 def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:

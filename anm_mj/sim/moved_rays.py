@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int32, UInt8
 
 from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX
 from anm_mj.sim.render_mesh import mean_colours
@@ -14,6 +14,24 @@ _FARTHEST_M = 1e3
 _ROUNDING_M = 1e-3
 _FACETS_M = 0.02
 """A rasteriser draws round parts as flat facets, which lie inside of them by less than this [m]."""
+
+
+def cast_rays(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    T_world_camera: Float[np.ndarray, "4 4"],
+    directions: Float[np.ndarray, "n 3"],
+    groups: UInt8[np.ndarray, " g"],
+    farthest_m: float,
+) -> tuple[Int32[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """The geom that each ray of a camera hits first and where, as a multiple of its direction in camera axes; -1
+    without one in these groups within a distance [m].
+    """
+    count, rays = len(directions), (directions @ T_world_camera[:3, :3].T).ravel()
+    geoms, distance = np.full(count, -1, np.int32), np.full(count, -1.0)
+    args = T_world_camera[:3, 3].copy(), rays, groups, True, -1, geoms, distance, None, count, farthest_m
+    mujoco.mj_multiRay(model, data, *args)
+    return geoms, distance
 
 
 class MovedRays:
@@ -49,7 +67,6 @@ class MovedRays:
         depth_m: Float32[np.ndarray, "h w"],
     ) -> Bool[np.ndarray, "h w"]:
         """Which pixels of an image with this planar depth [m] show the geoms; other arguments as of :meth:`hits`.
-
         Images larger than what the evaluation reads are looked at in as few places.
         """
         rows, cols = (max(1, side // EVALUATION_SIDE_PX) for side in depth_m.shape)
@@ -74,11 +91,7 @@ class MovedRays:
         depth_m, rgb = np.full(len(directions), np.nan, np.float32), np.zeros((len(directions), 3), np.float32)
         if not len(directions):
             return depth_m, rgb
-        rays = (directions @ T_world_camera[:3, :3].T).ravel()
-        count = len(directions)
-        geoms, distance = np.full(count, -1, np.int32), np.full(count, -1.0)
-        args = T_world_camera[:3, 3].copy(), rays, self._groups, True, -1, geoms, distance, None, count, _FARTHEST_M
-        mujoco.mj_multiRay(self._model, data, *args)
+        geoms, distance = cast_rays(self._model, data, T_world_camera, directions, self._groups, _FARTHEST_M)
         hit = (geoms >= 0) & (distance > 0.0) & self._is_moved[geoms]
         depth_m[hit], rgb[hit] = distance[hit], self._colours[geoms[hit]]
         return depth_m, rgb

@@ -10,7 +10,7 @@ from anm_mj.frames import pixel_directions
 from anm_mj.people.crowd import Crowd
 from anm_mj.people.figures import people_states, standing_bodies, vacuum_states
 from anm_mj.sim.moved_rays import MovedRays
-from anm_mj.sim.render_mesh import are_moved, visible_geoms
+from anm_mj.sim.render_mesh import visible_geoms
 from anm_mj.types import Intrinsics, Pose2, TruePeople
 
 
@@ -33,8 +33,7 @@ class PeopleShown:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Look for the figures that were added to a model."""
-        geoms = visible_geoms(model)
-        geoms = geoms[are_moved(model, geoms)]
+        geoms = visible_geoms(model, moved=True)
         stands = np.isin(model.geom_bodyid[geoms], standing_bodies(model))
         self._standing = MovedRays(model, geoms[stands]) if stands.any() else None
         self._moving = MovedRays(model, geoms[~stands])
@@ -46,13 +45,8 @@ class PeopleShown:
         intrinsics: Intrinsics,
         exact_m: Float32[np.ndarray, "h w"],
     ) -> Shown:
-        """Where an image shows them.
-
-        Args:
-            data: what the image shows, with poses of bodies up to date.
-            T_world_camera: camera to world (camera axes x right, y down, z forward).
-            intrinsics: the camera.
-            exact_m: exact planar depth of the image [m].
+        """Where an image with this exact planar depth [m] shows them; camera axes are x right, y down, z forward.
+        Poses of bodies in ``data`` are up to date.
         """
         view = data, T_world_camera, pixel_directions(intrinsics), exact_m
         return Shown(self._moving.shown(*view), None if self._standing is None else self._standing.shown(*view))

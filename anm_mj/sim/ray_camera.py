@@ -5,14 +5,14 @@ Their depth is as exact as that of :class:`anm_mj.sim.gl_camera.GlCamera`. They 
 
 import mujoco
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float32, Int32
 
 from anm_mj.errors import RenderError
 from anm_mj.frames import pixel_directions
-from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
+from anm_mj.sim.camera import VISIBLE_GROUPS, Camera, Image
 from anm_mj.sim.mipmap import MipmapTextures
-from anm_mj.sim.moved_rays import MovedRays
-from anm_mj.sim.render_mesh import are_moved, are_static_meshes, mean_colours, render_mesh, visible_geoms
+from anm_mj.sim.moved_rays import MovedRays, cast_rays
+from anm_mj.sim.render_mesh import are_static_meshes, mean_colours, render_mesh, visible_geoms
 from anm_mj.utils.raycast import RayCaster
 
 
@@ -21,14 +21,12 @@ class _RayCamera(Camera):
 
     def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
         super().__init__(model, camera_name, width, height)
-        self._directions = pixel_directions(self._intrinsics).reshape(-1, 3)
+        self._directions = pixel_directions(self.intrinsics).reshape(-1, 3)
         self._znear_m = float(model.vis.map.znear * model.stat.extent)
         self._zfar_m = float(model.vis.map.zfar * model.stat.extent)
 
-    def _images(
-        self, rgb: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        shape = (self._intrinsics.height, self._intrinsics.width)
+    def _images(self, rgb: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> Image:
+        shape = (self.intrinsics.height, self.intrinsics.width)
         return (rgb + 0.5).clip(0.0, 255.0).astype(np.uint8).reshape(*shape, 3), depth_m.reshape(shape)
 
 
@@ -44,20 +42,18 @@ class EmbreeCamera(_RayCamera):
         such camera, or a visible geom is not a static mesh, and RayCastError if Embree is not installed.
         """
         super().__init__(model, camera_name, width, height)
-        geoms = visible_geoms(model)
-        moved = geoms[are_moved(model, geoms)]
+        moved, geoms = visible_geoms(model, moved=True), visible_geoms(model, moved=False)
         self._moved = MovedRays(model, moved) if len(moved) else None
-        geoms = geoms[~are_moved(model, geoms)]
-        if not len(geoms) or not are_static_meshes(model, geoms).all():
+        if not are_static_meshes(model, geoms):
             raise RenderError("Embree sees static meshes only; use MujocoRayCamera or GlCamera for this model.")
         mesh = render_mesh(model, geoms)
         self._mesh = mesh
         self._rays = RayCaster(mesh.vertices_m, mesh.faces)
         self._textures = MipmapTextures(mesh.textures)
         self._texels_per_m = _texels_per_m(mesh.vertices_m[mesh.faces], mesh.uv, mesh.texture, self._textures)
-        self._pixel_size = np.float32(1.0 / self._intrinsics.fy)
+        self._pixel_size = np.float32(1.0 / self.intrinsics.fy)
 
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Render colour and depth; see :meth:`Camera.render`."""
         T_world_camera = self.T_world_camera(data)
         directions = (self._directions @ T_world_camera[:3, :3].T).astype(np.float32)
@@ -100,28 +96,11 @@ class MujocoRayCamera(_RayCamera):
         self._groups = np.array([group in VISIBLE_GROUPS for group in range(mujoco.mjNGROUP)], np.uint8)
         self._colours = 255.0 * mean_colours(model)
 
-    def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def render(self, data: mujoco.MjData) -> Image:
         """Render colour and depth; see :meth:`Camera.render`."""
-        T_world_camera = self.T_world_camera(data)
-        directions = self._directions @ T_world_camera[:3, :3].T
-        num = len(directions)
-        geoms, distance = np.full(num, -1, np.int32), np.full(num, -1.0)
         cutoff_m = self._zfar_m * float(np.linalg.norm(self._directions, axis=1).max())
-        position = T_world_camera[:3, 3].copy()
-        mujoco.mj_multiRay(
-            self._model,
-            data,
-            position,
-            directions.ravel(),
-            self._groups,
-            True,
-            -1,
-            geoms,
-            distance,
-            None,
-            num,
-            cutoff_m,
-        )
+        view = self._model, data, self.T_world_camera(data), self._directions
+        geoms, distance = cast_rays(*view, self._groups, cutoff_m)
         missed = (geoms < 0) | (distance < 0.0) | (distance > self._zfar_m)
         depth_m = np.where(missed, np.nan, distance).astype(np.float32)
         rgb = self._colours[geoms].astype(np.float32)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int32, UInt8
+from jaxtyping import Float32, Int, Int32, UInt8
 
 from anm_mj.mjcf.texture_image import texture_image
 from anm_mj.sim.camera import VISIBLE_GROUPS
@@ -29,20 +29,19 @@ class RenderMesh:
     textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]
 
 
-def visible_geoms(model: mujoco.MjModel) -> Int[np.ndarray, " n"]:
-    """Ids of the geoms in :data:`VISIBLE_GROUPS` that are not fully transparent."""
-    return np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS) & (_rgba(model)[:, 3] > 0.0))
+def visible_geoms(model: mujoco.MjModel, *, moved: bool) -> Int[np.ndarray, " n"]:
+    """Ids of the geoms in :data:`VISIBLE_GROUPS` that are not fully transparent: those somebody else moves, such as
+    those of people, or all others.
+    """
+    is_moved = model.body_mocapid[model.geom_bodyid] >= 0
+    visible = np.isin(model.geom_group, VISIBLE_GROUPS) & (_rgba(model)[:, 3] > 0.0)
+    return np.flatnonzero(visible & (is_moved == moved))
 
 
-def are_static_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """True for geoms that are meshes and never move."""
-    still = (model.body_weldid[model.geom_bodyid[geoms]] == 0) & ~are_moved(model, geoms)
-    return (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH) & still
-
-
-def are_moved(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """True for geoms that somebody else moves, such as those of people."""
-    return model.body_mocapid[model.geom_bodyid[geoms]] >= 0
+def are_static_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> bool:
+    """Whether geoms that nobody else moves are meshes that never move; not without any."""
+    are_meshes = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH
+    return len(geoms) > 0 and bool((are_meshes & (model.body_weldid[model.geom_bodyid[geoms]] == 0)).all())
 
 
 def render_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> RenderMesh:

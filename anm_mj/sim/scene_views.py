@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from anm_mj.mjcf.poses import quaternion_of
 from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
-from anm_mj.sim.camera import Camera
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.sim.gl_camera import GlCamera
@@ -49,7 +50,9 @@ class SceneViews:
         self._scene, self._backend = scene, backend
         spec = build_spec(scene)
         eye = spec.worldbody.add_body(name="eye", mocap=True)
-        eye.add_camera(name="eye", fovy=90.0, quat=_quat((0.0, -1.0, 0.0)))
+        # Level, its axes x right, y up and z backward.
+        axes = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        eye.add_camera(name="eye", fovy=90.0, quat=quaternion_of(axes))
         width_m = float(np.ptp(scene.bounds_m[:, :2], axis=0).max()) + 0.5
         # From so far away that floor and cut have nearly the same scale, and the picture fits the plan.
         self._height_m = 30.0 * width_m
@@ -77,9 +80,7 @@ class SceneViews:
         try:
             camera = make_camera(self._model, "above", size_px, size_px, cull_face=False, backend=self._backend)
             with closing(camera):
-                mujoco.mj_kinematics(self._model, self._data)
-                mujoco.mj_camlight(self._model, self._data)
-                rgb, depth_m = camera.render(self._data)
+                rgb, depth_m = self._render(camera)
                 return np.where(np.isnan(depth_m)[..., None], np.array(NOTHING, np.uint8), rgb)
         finally:
             vis.znear, vis.zfar = before
@@ -102,11 +103,12 @@ class SceneViews:
         changed, exact = np.mean(fractions, axis=0)
         return BackfaceCheck(float(changed), float(exact))
 
-    def _render_from(
-        self, camera: Camera, pose: Pose2
-    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+    def _render_from(self, camera: Camera, pose: Pose2) -> Image:
         self._data.mocap_pos[0] = (pose.x_m, pose.y_m, EYE_HEIGHT_M)
         self._data.mocap_quat[0] = (math.cos(pose.yaw_rad / 2), 0.0, 0.0, math.sin(pose.yaw_rad / 2))
+        return self._render(camera)
+
+    def _render(self, camera: Camera) -> Image:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         return camera.render(self._data)
@@ -114,10 +116,3 @@ class SceneViews:
 
 def _same(a: Float32[np.ndarray, "h w"], b: Float32[np.ndarray, "h w"], tolerance_m: float) -> float:
     return float(((np.abs(a - b) < tolerance_m) | (np.isnan(a) & np.isnan(b))).mean())
-
-
-def _quat(right: tuple[float, float, float]) -> list[float]:
-    """Quaternion (wxyz) of a level camera from its right-hand direction."""
-    up, quat = np.array([0.0, 0.0, 1.0]), np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.stack([np.array(right), up, np.cross(right, up)], axis=1).ravel())
-    return quat.tolist()

@@ -11,8 +11,7 @@ from anm_mj.frames import pose_matrix, relative_pose
 from anm_mj.people.crowd import Crowd
 from anm_mj.protocols import Drive
 from anm_mj.sensing.pixel_state import is_measured
-from anm_mj.sim.ahead_camera import AheadCamera
-from anm_mj.sim.camera import Camera
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.sim.drives.trail import Trail
@@ -21,7 +20,7 @@ from anm_mj.sim.people_shown import PeopleShown, true_people
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.views_ahead import Image, ViewsAhead, frame_number, update_poses
+from anm_mj.sim.views_ahead import AheadCamera, ViewsAhead, frame_number, update_poses
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -50,21 +49,12 @@ class SimRobot:
         knows_start: bool = True,
         copied: PhysicsDrive | None = None,
     ):
-        """Combine the parts.
+        """Combine the parts; ``seed`` is that of the errors of ``sensor`` (None = none), ``copied`` as of
+        :class:`~.views_ahead.ViewsAhead`.
 
-        Args:
-            model: the model of camera and drive.
-            data: of that model.
-            camera: renders the observations.
-            drive: moves the robot.
-            footprint: must stay clear of obstacles.
-            T_base_camera: camera to base (camera axes x right, y down, z forward). Given, observations report poses by
-                wheel odometry; None, true poses.
-            robot_hash: identifies the robot.
-            sensor: errors of camera and odometry; None = none.
-            seed: of these errors.
-            knows_start: whether odometry begins at the true pose; else it begins at zero, wherever the robot stands.
-            copied: as of :class:`~.views_ahead.ViewsAhead`.
+        With ``T_base_camera``, camera to base (camera axes x right, y down, z forward), observations report poses by
+        wheel odometry; without, true poses. Odometry begins at the true pose if the robot ``knows_start``, else at
+        zero, wherever it stands.
         """
         self.model = model
         self.data = data
@@ -112,19 +102,10 @@ class SimRobot:
 
     def joints(self) -> tuple[list[str], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Names of the robot's joints, their positions [rad, m] and velocities [rad/s, m/s]."""
-        model = self.model
-        found = [
-            joint
-            for joint in map(model.joint, range(model.njnt))
-            if joint.name.startswith("robot/") and joint.type[0] in _JOINTS
-        ]
-        positions, velocities = (
-            np.array([values[address[0]] for address in addresses], float)
-            for values, addresses in (
-                (self.data.qpos, [joint.qposadr for joint in found]),
-                (self.data.qvel, [joint.dofadr for joint in found]),
-            )
-        )
+        joints = map(self.model.joint, range(self.model.njnt))
+        found = [joint for joint in joints if joint.name.startswith("robot/") and joint.type[0] in _JOINTS]
+        positions = np.array([self.data.qpos[joint.qposadr[0]] for joint in found], float)
+        velocities = np.array([self.data.qvel[joint.dofadr[0]] for joint in found], float)
         return [joint.name.removeprefix("robot/") for joint in found], positions, velocities
 
     def true_view(self) -> TrueView:
@@ -149,10 +130,8 @@ class SimRobot:
         return believed if self._origin is None else relative_pose(self._origin, believed)
 
     def observe(self) -> Observation:
-        """The view from the present pose, with true poses or poses by wheel odometry.
-
-        A late image is the view of a moment ago, with the camera's pose at the time of its stamp. Raises RenderError
-        after ``close``.
+        """The view from the present pose, with true poses or poses by wheel odometry. A late image is the view of a
+        moment ago, with the camera's pose at the time of its stamp. Raises RenderError after ``close``.
         """
         update_poses(self.model, self.data)
         pose = self._drive.pose if self._T_base_camera is None else self.odometry
@@ -211,11 +190,10 @@ class SimRobot:
 
     def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
         """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state.
-
         ``seed`` is that of the sensor's errors from now on; None = as before.
         """
         if self._ahead is not None:
-            self._ahead.forget()
+            self._ahead.give_up()  # Noise of another seed comes next, which no state tells.
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)
@@ -233,10 +211,8 @@ class SimRobot:
         return self._drive.drive(twist, duration_s)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera's axis and a point share a vertical plane.
-
-        The point [m] is in the frame of the observations' poses. ``step`` does not count the motion; the result has the
-        equivalent number of steps.
+        """Turn on the spot until the camera's axis and a point share a vertical plane. The point [m] is in the frame of
+        the observations' poses. ``step`` does not count the motion; the result has the equivalent number of steps.
         """
         if self._T_base_camera is not None:
             T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self.odometry))

@@ -1,5 +1,9 @@
 """Begins the next actions of a simulated robot, and what its camera will show after them, before they are asked for.
 
+While the robot learns from one image and decides, the next ones are drawn in a thread of their own, if somebody knows
+where they will be taken from. An image that was begun is given out only where every pose that a camera reads is the
+same to the last bit, so that guesses change how long an image takes and nothing else.
+
 Actions that roll exactly and at once need no more than the poses after them. Actions by torque and contact take as long
 as an image: one is executed in a copy of the simulation. What a drive does depends on nothing but its state and the
 simulation's, so that the copy's action is the action, to the last bit, if it is asked for in the state that was copied;
@@ -11,24 +15,137 @@ from __future__ import annotations
 import functools
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32
 
 from anm_mj.people.crowd import Crowd
-from anm_mj.sim.ahead_camera import AheadCamera
+from anm_mj.sim.camera import Camera, Image
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.sim.drives.trail import Trail
 from anm_mj.types import Action, ActionResult
+from anm_mj.utils.threads import lent_core
 
-Image = tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]
-"""Colours, and planar depth [m]."""
+_READ = (
+    "geom_xpos",
+    "geom_xmat",
+    "site_xpos",
+    "site_xmat",
+    "cam_xpos",
+    "cam_xmat",
+    "light_xpos",
+    "light_xdir",
+    "flexvert_xpos",
+    "ten_length",
+    "ten_wrapnum",
+    "wrap_xpos",
+)
+"""What images are made of."""
 _AT_ONCE = 2
 """So many images may have been begun."""
+
+
+def frame_number(data: mujoco.MjData) -> int:
+    """Number of the frame of a state: its time [ms], as velocities do not count as steps."""
+    return round(1e3 * data.time)
+
+
+def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring poses of bodies and cameras up to date, after any motion of joints."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
+
+
+def _is_same_view(a: mujoco.MjData, b: mujoco.MjData) -> bool:
+    return all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in _READ)
+
+
+class _Begun(NamedTuple):
+    data: mujoco.MjData
+    image: Future[Image]
+
+
+class AheadCamera(Camera):
+    """Renders with another camera, in one thread that does nothing else."""
+
+    def __init__(self, make: Callable[[], Camera]) -> None:
+        """Make the camera by ``make``, in its thread: a GL context belongs to one. Raises what ``make`` raises."""
+        self._thread = ThreadPoolExecutor(1, "camera")
+        try:
+            self._camera = self._thread.submit(make).result()
+        except BaseException:
+            self._thread.shutdown()
+            raise
+        self.kind = self._camera.kind
+        self._model = self._camera._model
+        self._camera_id = self._camera._camera_id
+        self.intrinsics = self._camera.intrinsics
+        self._begun: list[_Begun] = []
+        self._closed = False
+
+    @property
+    def num_begun(self) -> int:
+        """Images that were begun and neither given out nor given up."""
+        return len(self._begun)
+
+    def begin(
+        self,
+        data: mujoco.MjData,
+        prepare: Callable[[], object] = lambda: None,
+        finish: Callable[[Image], object] = lambda _: None,
+    ) -> None:
+        """Begin the image after those that were begun, and return at once.
+
+        Args:
+            data: what the image shows, with all poses up to date; must not change before it is given out or given up.
+            prepare: called before, in the camera's thread; may write ``data``.
+            finish: called with the image, in the camera's thread.
+        """
+        if not self._closed:
+            self._begun.append(_Begun(data, self._thread.submit(self._render_beside, data, prepare, finish)))
+
+    def give_up(self, keep: int = 0) -> None:
+        """Forget the images that were begun, but for the first ``keep``; what they were made of may change then."""
+        # From the last on, so that none is started while another one is waited for.
+        while len(self._begun) > keep:
+            image = self._begun.pop().image
+            if not image.cancel():
+                image.exception()
+
+    def render(self, data: mujoco.MjData) -> Image:
+        """The first image that was begun, if it is the one; else another, and all others are given up. See
+        :meth:`Camera.render`.
+        """
+        if self._begun and _is_same_view(self._begun[0].data, data):
+            begun = self._begun.pop(0)
+            if begun.image.exception() is None:
+                return begun.image.result()
+        self.give_up()
+        if self._closed:
+            return self._camera.render(data)
+        return self._thread.submit(self._camera.render, data).result()
+
+    def close(self) -> None:
+        """Free the camera; may be called again."""
+        if not self._closed:
+            self._closed = True
+            self.give_up()
+            self._thread.submit(self._camera.close).result()
+            self._thread.shutdown()
+
+    def _render_beside(
+        self, data: mujoco.MjData, prepare: Callable[[], object], finish: Callable[[Image], object]
+    ) -> Image:
+        with lent_core():
+            prepare()
+            image = self._camera.render(data)
+            finish(image)
+            return image
 
 
 class _Coming(NamedTuple):
@@ -53,15 +170,10 @@ class ViewsAhead:
         delay_s: float,
         measure: Callable[[Image, int], Image],
     ) -> None:
-        """Begin with none.
+        """Begin with none of ``drive``'s actions; images are late by ``delay_s``.
 
-        Args:
-            model: the model of camera and drives.
-            camera: renders the images.
-            drive: whose actions they are.
-            copied: another drive of the same robot, on data of its own; None for one whose actions take no time.
-            delay_s: how late images are [s].
-            measure: what the sensor makes of an exact image and the number of its frame; may be called in any thread.
+        ``copied`` is another drive of the same robot, on data of its own; None for one whose actions take no time.
+        ``measure`` is what the sensor makes of an exact image and the number of its frame, in any thread.
         """
         self._model, self._camera, self._drive, self._copied = model, camera, drive, copied
         self._delay_s, self._measure = delay_s, measure
@@ -73,10 +185,6 @@ class ViewsAhead:
         """That the action in the copy began in."""
         self._result: Future[ActionResult] = Future()
 
-    def __len__(self) -> int:
-        """Actions whose images were begun and not shown yet."""
-        return len(self._coming)
-
     def begin(self, *actions: Action) -> None:
         """Begin the images after actions; see :class:`anm_mj.protocols.Anticipates`."""
         if self._copied is not None:
@@ -84,7 +192,7 @@ class ViewsAhead:
         pairs = zip(self._coming, actions, strict=False)
         wrong = next((k for k, (known, action) in enumerate(pairs) if known.action != action), None)
         if wrong is not None:
-            self._give_up(wrong)
+            self.give_up(wrong)
         for number in range(len(self._coming), len(actions)):
             if isinstance(self._drive, KinematicDrive):
                 self._roll(self._drive, actions[: number + 1])
@@ -98,7 +206,7 @@ class ViewsAhead:
             return None
         is_it = self._coming[0].action is action and self._state == drive.state
         if not is_it or self._result.exception() is not None:
-            self._give_up(0)
+            self.give_up()
             return None
         drive.take_over(copied)
         self._state = b""
@@ -111,11 +219,8 @@ class ViewsAhead:
         del self._coming[:done]
         return next((said for depth_m, number, said in self._measured if depth_m is exact_m and number == frame), None)
 
-    def forget(self) -> None:
-        """Give up all actions that were begun: noise of another seed comes next, which no state tells."""
-        self._give_up(0)
-
-    def _give_up(self, keep: int) -> None:
+    def give_up(self, keep: int = 0) -> None:
+        """Forget the actions that were begun, but for the first ``keep``."""
         self._camera.give_up(keep)
         self._spare += [one.data for one in self._coming[keep:]]
         del self._coming[keep:]
@@ -169,15 +274,3 @@ class ViewsAhead:
 
     def _unused(self) -> mujoco.MjData:
         return self._spare.pop() if self._spare else mujoco.MjData(self._model)
-
-
-def frame_number(data: mujoco.MjData) -> int:
-    """Number of the frame of a state: its time [ms], as velocities do not count as steps."""
-    return round(1e3 * data.time)
-
-
-def update_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring poses of bodies and cameras up to date, after any motion of joints."""
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_camlight(model, data)

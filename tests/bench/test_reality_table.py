@@ -2,7 +2,7 @@ import pytest
 
 from anm_mj.bench.job import variant
 from anm_mj.bench.reality_table import reality_table
-from anm_mj.sim.reality import REALITIES
+from anm_mj.sim.simulation_config import REALITIES
 
 _IDEAL = {"preset": "default", "robot": "diff_drive", "goal": "both", "reality": "ideal"}
 _IDEAL |= {"drive": "kinematic", "pose": "true", "sensor": "exact", "settings": ""}

@@ -13,7 +13,7 @@ from anm_mj.cli import command_line
 from anm_mj.cli.main import COMMANDS, PROGRAM
 from anm_mj.errors import SceneError
 from anm_mj.scene.budget import BASE_STEPS, STEPS_PER_M2, default_steps
-from anm_mj.sim.reality import REALITIES
+from anm_mj.sim.simulation_config import REALITIES
 from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]

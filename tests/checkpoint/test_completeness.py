@@ -17,7 +17,7 @@ from anm_mj.explore import explore
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.registry import policies
 from anm_mj.run_parts import make_parts
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 from tests.fake_robot import ListRecorder
 from tests.scene.small import make_small_scene
 

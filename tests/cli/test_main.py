@@ -18,7 +18,7 @@ from anm_mj.config import OPTIONS
 from anm_mj.evaluation.metrics import COUNTS, Metrics
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.registry import policies
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 
 
 def fails(capsys, *argv):

@@ -47,8 +47,8 @@ def test_physics_follows_the_kinematic_course(exact, physics):
     for twist in course:
         physics.drive(twist, 0.6)
         # Where the accelerations of the course lead to: the pose that the servo follows.
-        assert math.dist(physics.pose.xy_m, physics.reference.xy_m) < 0.004
-        assert abs(wrap_angle(physics.pose.yaw_rad - physics.reference.yaw_rad)) < math.radians(1.0)
+        assert math.dist(physics.pose.xy_m, physics._reference.xy_m) < 0.004
+        assert abs(wrap_angle(physics.pose.yaw_rad - physics._reference.yaw_rad)) < math.radians(1.0)
     physics.drive(Twist(0.0, 0.0), 0.6)
     at_rest = physics.pose
     physics.drive(Twist(0.0, 0.0), 0.3)

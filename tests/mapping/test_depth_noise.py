@@ -9,8 +9,8 @@ import pytest
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping import depth_noise
 from anm_mj.mapping.depth_noise import NoiseMean, inverse_depth_noise, rough_noise
-from anm_mj.sim.sensors.measure_depth import measure_depth
-from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.sim.sensors.camera_sensor import measure_depth
+from anm_mj.sim.sensors.sensor_config import sensor_config
 from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
 

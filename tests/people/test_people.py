@@ -15,7 +15,7 @@ from anm_mj.people.walking_floor import BODY
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.moved_rays import MovedRays
 from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
-from anm_mj.sim.render_mesh import are_moved, visible_geoms
+from anm_mj.sim.render_mesh import visible_geoms
 from anm_mj.types import Action
 from tests.people.conftest import crowd_in, write_crowd
 
@@ -146,10 +146,10 @@ def test_images_begun_ahead_show_people_where_they_will_be(scene):
                 if ahead:
                     robot.anticipate(Action.TURN_LEFT, Action.TURN_LEFT)
                 robot.act(Action.TURN_LEFT)
-                begun = len(robot._ahead or ())
+                begun = len(robot._ahead._coming) if robot._ahead else 0
                 seen.append(robot.observe())
                 # The image was taken, not thrown away.
-                assert not ahead or len(robot._ahead or ()) in (begun - 1, 0) or begun == 0
+                assert begun == 0 or len(robot._ahead._coming) in (begun - 1, 0)
             images.append(seen)
 
     for one, other in zip(*images, strict=True):
@@ -227,8 +227,7 @@ def test_restarted_people_begin_anew(scene):
 def test_rays_tell_people_from_what_stands_before_them(robot):
     before_the_robot(robot, 1.5)
     robot.observe()
-    geoms = visible_geoms(robot.model)
-    rays = MovedRays(robot.model, geoms[are_moved(robot.model, geoms)])
+    rays = MovedRays(robot.model, visible_geoms(robot.model, moved=True))
     directions = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (64, 64, 3))
     T_world_camera = robot._camera.T_world_camera(robot.data)
     far, near = np.full((64, 64), 9.0, np.float32), np.full((64, 64), 0.5, np.float32)

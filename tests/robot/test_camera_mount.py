@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.camera_config import CameraConfig
+from anm_mj.robot.robot_config import CameraConfig
 from anm_mj.sim.gl import select_backend
 
 select_backend()

@@ -10,9 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, pose_matrix
-from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.robot.reduced_model import WHEEL_JOINTS
 from anm_mj.types import Pose2, WheelSpeeds
 from tests.robots import ROBOT_XML
@@ -126,19 +124,3 @@ def test_odometry_is_the_se2_exponential(kinematics, left, right, yaw):
     pose = kinematics.odometry(Pose2(0.4, -0.7, yaw), left, right)
     assert (pose.x_m, pose.y_m) == pytest.approx((x, y), abs=1e-12)
     assert (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)) == pytest.approx((c, s), abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "message"),
-    [
-        ('<joint name="wheel_left" class="wheel"/>', "", "no joint wheel_left"),
-        ('<site name="camera"', '<site name="eye"', 'no site "camera"'),
-        ('<body name="wheel_left" pos="0 0.15', '<body name="wheel_left" pos="0.01 0.15', "must lie at"),
-        ("<mujoco", "<mjc", "cannot read the robot"),
-    ],
-)
-def test_missing_parts(tmp_path, before, after, message):
-    path = tmp_path / "robot.xml"
-    path.write_text(ROBOT_XML.read_text().replace(before, after))
-    with pytest.raises(RobotError, match=message):
-        RobotKinematics(path)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.camera_search import tilt_deg
 from anm_mj.robot.description import describe_robot
+from anm_mj.robot.robot_camera import tilt_deg
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive

@@ -2,7 +2,7 @@
 
 import pytest
 
-from anm_mj.robot.wheel_names import side_of
+from anm_mj.robot.drive_joints import side_of
 
 _LEFT = (
     "wheel_left",

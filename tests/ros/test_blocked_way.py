@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.ros.blocked_way import free_way_m, is_way_blocked
+from anm_mj.ros.commander import free_way_m, is_way_blocked
 from anm_mj.ros.drive_config import RosConfig
 from tests.mapping.ray_room import CAMERA_HEIGHT_M, Room, camera_pose
 

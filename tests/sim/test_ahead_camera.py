@@ -10,13 +10,13 @@ import pytest
 from anm_mj.errors import RenderError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.scene.folder import load_scene
-from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS
 from anm_mj.sim.sim_robot import SimRobot
 from anm_mj.sim.simulation_config import SimulationConfig
+from anm_mj.sim.views_ahead import AheadCamera
 from anm_mj.types import Action, Observation, Pose2, Twist
 from anm_mj.utils import threads
 

@@ -13,10 +13,10 @@ from anm_mj.frames import move_pose, pose_matrix, wrap_angle
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.scene.folder import load_scene
-from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.sim.sim_robot import SimRobot
+from anm_mj.sim.views_ahead import AheadCamera
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, TruePeople, Twist
 
 FORWARD, LEFT, RIGHT, WAIT = Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT, Action.WAIT

@@ -6,7 +6,7 @@ from anm_mj.config import make_config, read_config
 from anm_mj.environments.environment_config import EnvironmentConfig, explore_config
 from anm_mj.errors import ConfigError, TaskError
 from anm_mj.io.to_json import to_json
-from anm_mj.sim.reality import REALITIES
+from anm_mj.sim.simulation_config import REALITIES
 
 
 def test_the_ideal_world_is_the_default():

@@ -8,8 +8,7 @@ import pytest
 
 from anm_mj.errors import RenderError
 from anm_mj.sim.gl_camera import GlCamera
-from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.sensor_config import SENSORS, SensorConfig
 from anm_mj.sim.sim_robot import SimRobot
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Pose2, Twist, WheelSpeeds
 from tests.sim.evenly_lit import HEADER

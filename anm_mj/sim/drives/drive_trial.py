@@ -9,8 +9,8 @@ import mujoco
 from anm_mj.frames import wrap_angle
 from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.mjcf.read_mjcf import TIMESTEPS_S
+from anm_mj.robot.compiled_robot import height_range_m
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.sim.drives.physics_drive import UNSTABLE, PhysicsDrive
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2, StopReason
 

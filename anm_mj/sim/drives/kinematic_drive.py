@@ -114,7 +114,6 @@ class KinematicDrive(WheelDrive):
 
     def _roll(self, forward_m: float, turn_rad: float, duration_s: float, profile: Trapezoid | None = None) -> bool:
         """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way.
-
         ``profile`` tells how far it has come when; None = at a constant velocity.
         """
         self._note()

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from anm_mj.control.action_motion import action_motion, action_profile
 from anm_mj.control.clearance_limit import static_obstacles
-from anm_mj.control.speed_and_acceleration import limits_of
+from anm_mj.control.speed_and_acceleration import limits_of, slewed
 from anm_mj.control.wheel_servo import BaseServo
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer
@@ -108,11 +108,6 @@ class PhysicsDrive(WheelDrive):
         """The simulation that it drives in."""
         return self._data
 
-    @property
-    def reference(self) -> Pose2:
-        """Commanded pose of the base."""
-        return self._reference
-
     def take_over(self, other: PhysicsDrive) -> None:
         """Go on from where another drive of the same robot in the same model is, and share nothing that changes."""
         mujoco.mj_copyData(self._data, self._model, other._data)
@@ -197,7 +192,7 @@ class PhysicsDrive(WheelDrive):
         collided = self._touched = False
         for _ in range(math.ceil(duration_s / period_s - 1e-9)):
             before = self._base.pose
-            self._twist = self._slew_limit(wanted)
+            self._twist = slewed(self._twist, wanted, self._limits, period_s)
             forward_m, turn_rad = self._twist.forward_mps * period_s, self._twist.turn_radps * period_s
             self._reference = move_pose(self._reference, forward_m, turn_rad)
             collided = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
@@ -294,15 +289,6 @@ class PhysicsDrive(WheelDrive):
             1.0,
         )
         return Twist(twist.forward_mps / too_fast, twist.turn_radps / too_fast)
-
-    def _slew_limit(self, wanted: Twist) -> Twist:
-        """The velocity of the next servo period, within the acceleration limits, on the way to a wanted one."""
-        limits, now = self._limits, self._twist
-        max_mps, max_radps = limits.forward_mps2 * self._period_s, limits.turn_radps2 * self._period_s
-        return Twist(
-            now.forward_mps + min(max(wanted.forward_mps - now.forward_mps, -max_mps), max_mps),
-            now.turn_radps + min(max(wanted.turn_radps - now.turn_radps, -max_radps), max_radps),
-        )
 
     def _brake(self) -> None:
         """Brake a base in motion to rest; the time includes one period in reserve."""

@@ -52,10 +52,8 @@ class Trail:
     def add(self, data: mujoco.MjData, odometry: Pose2, profile: Trapezoid | None = None) -> None:
         """Take in the present state of the simulation, unless no time has passed since the last one.
 
-        Args:
-            data: of the model.
-            odometry: pose of the base by the encoders alone.
-            profile: of the motion since the last moment; None = at a constant velocity.
+        ``odometry`` is the pose of the base by the encoders alone, ``profile`` that of the motion since the last
+        moment; None = at a constant velocity.
         """
         if not self._people:
             self._add_people(data.time, data)

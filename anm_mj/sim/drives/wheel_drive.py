@@ -38,16 +38,10 @@ class WheelDrive:
         *,
         period_s: float,
     ):
-        """Drive ``data`` from the present pose of its base. Raises RobotError if the model lacks a joint of the robot.
+        """Drive ``data`` from the present pose of its base; in a scene ``prefix`` stands before the robot's names.
 
-        Args:
-            model: the robot, alone or in a scene.
-            data: of that model.
-            description: the robot.
-            limits: speeds and accelerations of the base.
-            odometer: reads the wheels; None = one without noise.
-            prefix: stands before the robot's names in the scene.
-            period_s: time between two commands of the look-at controller [s].
+        Without an odometer, wheels are read without noise; ``period_s`` is the time between two commands of the look-at
+        controller [s]. Raises RobotError if the model lacks a joint of the robot.
         """
         self._data = data
         self._base = simulated_base(model, data, prefix, description)

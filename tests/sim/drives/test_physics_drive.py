@@ -38,7 +38,7 @@ def test_mixed_actions_do_not_drift(make_drive):
         assert not result.collided
         assert error_m < 0.005
         assert abs(wrap_angle(drive.pose.yaw_rad - commanded.yaw_rad)) < math.radians(0.5)
-    assert drive.reference.x_m == pytest.approx(commanded.x_m, abs=1e-9)
+    assert drive._reference.x_m == pytest.approx(commanded.x_m, abs=1e-9)
 
 
 def test_the_robot_stands_after_each_action(make_drive):
@@ -79,7 +79,7 @@ def test_wall_stops_the_robot(make_drive, yaw_deg):
     assert abs(data.body("base").xpos[2]) < 0.002
     assert data.body("base").xmat[8] > 0.9999
     stopped = drive.pose
-    assert drive.reference == stopped
+    assert drive._reference == stopped
     for _ in range(18):
         assert not drive.act(Action.TURN_LEFT).collided
     assert not drive.act(Action.MOVE_FORWARD).collided
@@ -128,7 +128,7 @@ def test_push_against_a_wall(make_drive, direction):
     drive.act(Action.TURN_LEFT)
     drive.act(Action.TURN_LEFT)
     # What no wheel can undo is taken for the commanded pose, and the turns stay turns on the spot.
-    assert math.hypot(drive.pose.x_m - drive.reference.x_m, drive.pose.y_m - drive.reference.y_m) < 0.006
+    assert math.hypot(drive.pose.x_m - drive._reference.x_m, drive.pose.y_m - drive._reference.y_m) < 0.006
     pushed_to = drive.pose
     for _ in range(4):
         drive.act(Action.TURN_RIGHT)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.sim.sensors.measure_color import measure_color
+from anm_mj.sim.sensors.camera_sensor import measure_color
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 
 GREY = np.full((200, 200, 3), 100, np.uint8)

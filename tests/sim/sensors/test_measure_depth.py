@@ -6,10 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.sim.sensors.camera_sensor import Sensor
-from anm_mj.sim.sensors.measure_depth import depth_edges, incidence_cosine
-from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.sensors.camera_sensor import Sensor, depth_edges, incidence_cosine
+from anm_mj.sim.sensors.sensor_config import SENSORS, SensorConfig
 from anm_mj.types import Intrinsics
 
 CAMERA = Intrinsics.from_fov(128, 96, math.radians(75.0))

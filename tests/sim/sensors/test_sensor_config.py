@@ -3,8 +3,7 @@ import math
 import pytest
 
 from anm_mj.errors import RobotError
-from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.sensors.sensor_presets import SENSORS, sensor_config
+from anm_mj.sim.sensors.sensor_config import SENSORS, SensorConfig, sensor_config
 
 
 def test_unknown_sensor_is_named():
