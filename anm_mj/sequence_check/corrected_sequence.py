@@ -1,13 +1,13 @@
 """Puts a recorded sequence right."""
 
-from bisect import bisect_left
 from dataclasses import replace
 
 import numpy as np
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.sequence import Sequence
-from anm_mj.sequence_check.correction import Correction, at_times, converted, corrected_camera, with_axes
+from anm_mj.io.sequence_poses import at_times, nearest_index
+from anm_mj.sequence_check.correction import Correction, converted, corrected_camera, with_axes
 
 
 def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
@@ -63,16 +63,10 @@ def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
 
 def _colours(times: np.ndarray, offset_s: float) -> np.ndarray:
     """Of each frame, the one whose colour image belongs to its depth; -1 where there is none."""
-    indices = np.arange(len(times))
     if not offset_s:
-        return indices
+        return np.arange(len(times))
     order = np.argsort(times, kind="stable")
     taken = (times[order] + offset_s).tolist()
     half = 0.5 * float(np.median(np.diff(times[order]))) if len(times) > 1 else 0.0
-    found = np.full(len(times), -1)
-    for k, time in enumerate(times.tolist()):
-        after = bisect_left(taken, time)
-        near = min((at for at in (after - 1, after) if 0 <= at < len(taken)), key=lambda at: abs(taken[at] - time))
-        if abs(taken[near] - time) <= half * 1.01:
-            found[k] = order[near]
-    return found
+    nearest = [nearest_index(taken, time, half * 1.01) for time in times.tolist()]
+    return np.array([-1 if at is None else order[at] for at in nearest])

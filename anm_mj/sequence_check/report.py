@@ -9,37 +9,26 @@ from anm_mj.sequence_check.find_faults import Finding, Verdict
 
 def options(correction: Correction, sequence: Sequence, given: Correction) -> list[str]:
     """The options that apply a correction, without those that the command line has ``given``."""
-    words = []
-    if correction.convention != given.convention:
-        words.append(f"--poses {correction.convention}")
-    if correction.axes != given.axes:
-        words.append(f"--axes {correction.axes}")
-    for name, now, then in (
-        ("--mirrored", correction.mirrored, given.mirrored),
-        ("--ray-depth", correction.ray_depth, given.ray_depth),
-    ):
-        if now != then:
-            words.append(name if now else f"no {name}")
-    if correction.depth_scale != given.depth_scale:
-        words.append(f"--depth-unit {sequence.depth_unit_m * correction.depth_scale:.6g}")
-    if correction.pose_scale != given.pose_scale:
-        words.append(f"--pose-scale {correction.pose_scale:.4g}")
-    if correction.focal_scale != given.focal_scale:
-        k, scale = sequence.intrinsics, correction.focal_scale
-        words.append(f"--camera {k.fx * scale:.5g},{k.fy * scale:.5g},{k.cx:.5g},{k.cy:.5g}")
-    if correction.time_offset_s != given.time_offset_s:
-        words.append(f"--time-offset={correction.time_offset_s:.3f}")
-    if correction.colour_offset_s != given.colour_offset_s:
-        words.append(f"--colour-offset={correction.colour_offset_s:.3f}")
-    if correction.up is not None:
-        words.append(f"--up={correction.up}")
-    return words
+    k, scale = sequence.intrinsics, correction.focal_scale
+    words = {
+        "convention": f"--poses {correction.convention}",
+        "axes": f"--axes {correction.axes}",
+        "mirrored": "--mirrored" if correction.mirrored else "no --mirrored",
+        "ray_depth": "--ray-depth" if correction.ray_depth else "no --ray-depth",
+        "depth_scale": f"--depth-unit {sequence.depth_unit_m * correction.depth_scale:.6g}",
+        "pose_scale": f"--pose-scale {correction.pose_scale:.4g}",
+        "focal_scale": f"--camera {k.fx * scale:.5g},{k.fy * scale:.5g},{k.cx:.5g},{k.cy:.5g}",
+        "time_offset_s": f"--time-offset={correction.time_offset_s:.3f}",
+        "colour_offset_s": f"--colour-offset={correction.colour_offset_s:.3f}",
+    }
+    changed = [option for name, option in words.items() if getattr(correction, name) != getattr(given, name)]
+    return changed if correction.up is None else [*changed, f"--up={correction.up}"]
 
 
 def explanation(finding: Finding) -> str:
     """What is wrong, in words."""
     found = finding.correction
-    name = AXES_NAMES.get(found.axes, found.axes)
+    axes = f"the camera axes are {found.axes}" + (f" ({AXES_NAMES[found.axes]})" if found.axes in AXES_NAMES else "")
     poses = {
         "camera-to-world": "the poses are of the camera in the world",
         "world-to-camera": "the poses are inverse (of the world in the camera)",
@@ -49,10 +38,8 @@ def explanation(finding: Finding) -> str:
     }[found.convention]
     return {
         "poses": poses,
-        "axes": f"the camera axes are {found.axes} ({name})"
-        if name != found.axes
-        else f"the camera axes are {found.axes}",
-        "poses and axes": f"{poses}, and the camera axes are {found.axes} ({name})",
+        "axes": axes,
+        "poses and axes": f"{poses}, and {axes}",
         "mirrored": "the images are mirrored",
         "ray": "depth is the distance along the ray, not planar",
         "scale": f"positions are {1.0 / found.pose_scale:.4g} times what depth says",
