@@ -22,7 +22,7 @@ from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
-from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.plan_file import write_plan
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
@@ -281,7 +281,7 @@ def _finish(
     for pose in log.poses:
         stages.topdown.visit(pose.xy_m)
     state = stages.read(neural_map, last)
-    write_plan(folder.survey, PlanRecord.of(state.plan("the end")))
+    write_plan(folder.survey, state.plan("the end"))
     with writing(folder.topdown_picture):
         figure = topdown_figure(
             state.topdown,

@@ -9,11 +9,11 @@ import numpy as np
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.plan_file import PlanRecord, read_plan
+from anm_mj.io.plan_file import read_plan
 from anm_mj.io.read_run import Run
 from anm_mj.io.to_json import to_json
 from anm_mj.io.write import writing
-from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
+from anm_mj.types import FREE, OCCUPIED, Plan, TopDownMap, VoronoiGraph
 
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """Greys of ROS's map_server; 205 is unknown with the thresholds below."""
@@ -116,7 +116,7 @@ def export_route(run: Run, out: Path) -> list[Path]:
     return [path]
 
 
-def survey_of(run: Run) -> PlanRecord:
+def survey_of(run: Run) -> Plan:
     """Top-down map, graph and regions of the final map; of the last decision where the run did not end. Raises
     RunFolderError if the run kept neither.
     """

@@ -23,13 +23,19 @@ def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
 
 def camera_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
     """A camera pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
-    values = (*T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
-    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
+    return _line(time_s, *T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
 
 
-def time_text(time_s: float) -> str:
-    """A time in the TUM format, to the microsecond also where it is counted from 1970."""
-    return f"{time_s:.9g}" if abs(time_s) < 1e4 else f"{time_s:.6f}"
+def base_line(time_s: float, pose: Pose2) -> str:
+    """A base pose in the TUM format, as :func:`camera_line`."""
+    half = pose.yaw_rad / 2.0
+    return _line(time_s, pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+
+
+def _line(time_s: float, *values: float) -> str:
+    # To the microsecond also where a time is counted from 1970.
+    time = f"{time_s:.9g}" if abs(time_s) < 1e4 else f"{time_s:.6f}"
+    return " ".join((time, *(f"{value:.9g}" for value in values)))
 
 
 def bridged(

@@ -9,8 +9,7 @@ import resource
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,58 +22,19 @@ from anm_mj.events import Ended
 from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
-from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.plan_file import write_plan
 from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.run_title import titled
+from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
-from anm_mj.recording.run_log import tum_line
-from anm_mj.types import ExploredState, OccupancyGrid, Plan, Pose2, SurfaceChange
+from anm_mj.types import ExploredState, Plan, Pose2, SurfaceChange
 from anm_mj.utils.files import atomic_write, write_text
 from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
-    import trimesh
-
-
-@runtime_checkable
-class Arrays(Protocol):
-    """Something that can be stored as arrays."""
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays by name."""
-        ...
-
-
-@runtime_checkable
-class FinishedMap(Protocol):
-    """The neural map at the end of a run."""
-
-    @property
-    def is_trained(self) -> bool:
-        """Whether it has a surface: whether anything was trained."""
-        ...
-
-    def occupancy_grid(self) -> OccupancyGrid:
-        """Free, occupied and unknown space."""
-        ...
-
-    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
-        """The coloured mesh of the surface, world [m]."""
-        ...
-
-    def save(self, path: Path) -> None:
-        """Write the map to a file."""
-        ...
-
-    def replay(self, limit_bytes: int) -> Arrays:
-        """What is replayed of the frames, thinned to so much memory."""
-        ...
-
-    def changes(self) -> tuple[SurfaceChange, ...] | None:
-        """What is gone or new since the prior run; None for a map that began empty."""
-        ...
+    from anm_mj.mapping.neural_map import NeuralMap
 
 
 class ReturnFacts(NamedTuple):
@@ -100,7 +60,7 @@ def load_mesh_library(recorder: RunRecorder) -> None:
 def write_results(
     recorder: RunRecorder,
     ended: Ended,
-    finished: FinishedMap,
+    finished: NeuralMap,
     survey: Plan,
     *,
     wall_s: float,
@@ -144,15 +104,14 @@ def write_results(
     changes = finished.changes() if recorder.prior is not None else None
     if changes is not None:
         write_changes(folder.changes, folder.changed_voxels, changes)
-    write_plan(folder.survey, PlanRecord.of(survey))
+    write_plan(folder.survey, survey)
     # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
     curve.last()
-    if recorder.truth is not None:
-        lost = surface_lost_percent(finished.occupancy_grid(), recorder.truth.samples[curve.distance_m < COVERED_M])
-        summary = replace(summary, surface_lost_percent=lost)
     uncapped_cm: list[float | None] = [None]
     truth = recorder.truth
     if truth is not None:
+        lost = surface_lost_percent(finished.occupancy_grid(), truth.samples[curve.distance_m < COVERED_M])
+        summary = replace(summary, surface_lost_percent=lost)
         recorder.background.submit(lambda: uncapped_cm.append(without_cap_cm(folder, truth, curve)))
     if finished.is_trained:
         # The mesh takes most; what the survey and the files took is to make room for it.
@@ -170,7 +129,7 @@ def write_results(
         mesh = quality_of_mesh(run, truth, curve)
         trajectory = trajectory_metrics(run, truth, curve)
         if trajectory is not None:
-            lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
+            lines = [base_line(frame.time_s, frame.true_pose) for frame in run.frames]
             write_text(folder.true_trajectory, "\n".join(lines) + "\n")
     metrics = summarise(statistics, curve, uncapped_cm[-1], truth, mesh, summary, trajectory=trajectory)
     # Before the pictures, which may find no room.
@@ -202,7 +161,7 @@ def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange])
         save_figure(figure, folder.topdown_picture)
 
 
-def _write_explored(recorder: RunRecorder, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:
+def _write_explored(recorder: RunRecorder, finished: NeuralMap, memory: dict[str, np.ndarray]) -> None:
     """Write what a run that goes on from this one needs beside the map."""
     folder = recorder.folder
     manifest = read_json(folder.manifest) if folder.manifest.is_file() else {}

@@ -1,8 +1,7 @@
 """The logs of a run, written as it goes."""
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,15 @@ from PIL import Image
 
 from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX, reduce_depth
 from anm_mj.io.jsonl import LineWriter
-from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.plan_file import write_plan
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.sequence_poses import time_text
+from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, TrueView
+from anm_mj.utils.files import removed_on_error
 
 SMALL_QUALITY, FULL_QUALITY = 80, 95
 """JPEG quality of small and of full images."""
@@ -102,7 +102,7 @@ class RunLog:
         if depth_mm is None:
             depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
         path = self._folder.depth(observation.step)
-        with writing(path), _whole_or_not_at_all(path):
+        with writing(path), removed_on_error(path):
             # The lowest compression: a fifth larger than the highest, at a fraction of its time.
             Image.fromarray(depth_mm).save(path, compress_level=1)
         self._write_image(observation)
@@ -135,7 +135,7 @@ class RunLog:
         self._frames.json(line)
         self._num_frames += 1
         if estimate is None or estimate.state is TrackingState.TRACKING:
-            self._trajectory.line(tum_line(observation.time_s, observation.pose))
+            self._trajectory.line(base_line(observation.time_s, observation.pose))
             self._poses.append(observation.pose)
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
@@ -181,7 +181,7 @@ class RunLog:
             }
         )
         if self._record.plans:
-            write_plan(self._folder.plan(step), PlanRecord.of(plan))
+            write_plan(self._folder.plan(step), plan)
 
     @property
     def files(self) -> tuple[LineWriter, ...]:
@@ -197,22 +197,11 @@ class RunLog:
         if self._record.images == "none":
             return
         path = self._folder.image(observation.step)
-        with writing(path), _whole_or_not_at_all(path):
+        with writing(path), removed_on_error(path):
             if self._record.images == "full":
                 Image.fromarray(observation.rgb).save(path, quality=FULL_QUALITY, subsampling=0)
             else:
                 _small(observation.rgb).save(path, quality=SMALL_QUALITY)
-
-
-@contextmanager
-def _whole_or_not_at_all(path: Path) -> Iterator[None]:
-    """Remove what is there of a file that cannot be written to its end, as on a full disk."""
-    try:
-        yield
-    except BaseException:
-        with suppress(OSError):
-            path.unlink()
-        raise
 
 
 def _remove_after(folder: RunFolder, step: int) -> None:
@@ -222,13 +211,6 @@ def _remove_after(folder: RunFolder, step: int) -> None:
             for path in place(0).parent.iterdir():
                 if path.stem >= place(first).stem or path.name.startswith("."):
                     path.unlink()
-
-
-def tum_line(time_s: float, pose: Pose2) -> str:
-    """A base pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
-    half = pose.yaw_rad / 2.0
-    values = (pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
 
 
 def _small(rgb: UInt8[np.ndarray, "h w 3"]) -> Image.Image:

@@ -10,8 +10,8 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
+from anm_mj.io.sequence_poses import base_line
 from anm_mj.recording.results import peak_rss_mib, write_results
-from anm_mj.recording.run_log import tum_line
 from anm_mj.types import Action, Plan, Pose2, StopReason
 from tests.box_room import CAMERA, FakeMap, ended, new_recorder, observe, record_steps, room_depth, room_plan
 
@@ -151,7 +151,7 @@ def test_mesh_keeps_its_colours(tmp_path):
 
 
 def test_poses_are_written_in_tum_order():
-    assert [float(word) for word in tum_line(1.5, Pose2(2.0, 3.0, math.pi / 2)).split()] == pytest.approx(
+    assert [float(word) for word in base_line(1.5, Pose2(2.0, 3.0, math.pi / 2)).split()] == pytest.approx(
         [1.5, 2.0, 3.0, 0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
     )
 
