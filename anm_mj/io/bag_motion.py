@@ -32,16 +32,12 @@ class Motion:
     """Whose poses lack at a time."""
 
 
-@dataclass(eq=False)
 class BagMotion(BagReader):
     """Finds the poses of the camera in an open bag."""
 
-    max_gap_s: float
-    """Between poses that lie farther apart, nothing is known [s]."""
-
     def says_poses(self, camera_frame: str) -> bool:
         """Whether the user names poses, or there are any."""
-        if "pose" in self.topics or self.of_type(*POSES):
+        if "pose" in self.options.topics or self.of_type(*POSES):
             return True
         try:
             return self._leads(self._tree(), camera_frame)
@@ -54,11 +50,11 @@ class BagMotion(BagReader):
         """
         tree = self._tree()
         fit = self.of_type(*POSES)
-        named = self.topics.get("pose")
+        named = self.options.topics.get("pose")
         try:
             leads = self._leads(tree, camera_frame, alone=not fit or named == _TF)
             if named in (None, _TF) and leads:
-                tree.hold(camera_frame, self.max_gap_s)
+                tree.hold(camera_frame, self.options.max_gap_s)
                 root = tree.chain(camera_frame)[-1]
                 return Motion(
                     lambda time_s: tree.pose(camera_frame, root, time_s),
@@ -71,11 +67,11 @@ class BagMotion(BagReader):
                 )
             topic = self.chosen("pose", fit, fit)
             track, moved = self._track(topic)
-            track.gap_s = self.max_gap_s
+            track.gap_s = self.options.max_gap_s
             fixed = np.eye(4)
             if moved is not None:
                 # An odometry tells of its own frame, and the frames how the camera stands in that.
-                tree.hold(camera_frame, self.max_gap_s, moves=True)
+                tree.hold(camera_frame, self.options.max_gap_s, moves=True)
                 fixed = tree.pose(camera_frame, moved, 0.0)
         except ValueError as err:
             raise RunFolderError(
@@ -127,6 +123,6 @@ class BagMotion(BagReader):
         if len(moved) > 1:
             raise ValueError(f"{topic} tells of several: {', '.join(sorted(map(repr, moved)))}")
         (frame,) = moved or {None}
-        if frame == "" and "pose" not in self.topics:
+        if frame == "" and "pose" not in self.options.topics:
             raise ValueError(f"{topic} does not say of which frame it tells")
         return track, frame or None

@@ -1,13 +1,13 @@
 """Messages of an open bag by topic: the first one, all of them, and when each was made."""
 
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.sequence import require_count
+from anm_mj.io.sequence import SequenceOptions, require_count
 
 
 class Stamp(NamedTuple):
@@ -26,8 +26,7 @@ class BagReader:
     path: Path
     reader: Any
     """A ``rosbags.highlevel.AnyReader``."""
-    topics: Mapping[str, str]
-    """Those that the user names, by role."""
+    options: SequenceOptions
 
     def of_type(self, *types: str) -> list[str]:
         """Topics that hold messages of one of the types."""
@@ -38,7 +37,7 @@ class BagReader:
         user may name, ``preferred`` those that are taken unless the user names one. Raises RunFolderError if none fits,
         several do, or the named one does not.
         """
-        named = self.topics.get(role)
+        named = self.options.topics.get(role)
         if named is not None:
             if named not in fit:
                 there = ", ".join(fit) or f"none of {self._all_topics()}"

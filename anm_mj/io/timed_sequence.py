@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_poses import Track
-from anm_mj.io.frame_cameras import with_cameras
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count, with_cameras
 from anm_mj.io.sequence_poses import nearest_index
 from anm_mj.io.sequence_text import number_rows, rows, with_slashes
 from anm_mj.types import Intrinsics
