@@ -8,8 +8,7 @@ import numpy as np
 from anm_mj.errors import RunFolderError
 from anm_mj.export.floor_plan import survey_of
 from anm_mj.io.curve_file import read_curve
-from anm_mj.io.read_run import Run, read_json
-from anm_mj.io.run_title import titled
+from anm_mj.io.read_run import Run, read_json, titled
 from anm_mj.io.write import writing
 from anm_mj.viz.figure_file import KINDS, ShownFigure, save_figure
 from anm_mj.viz.plots import curve_figure, topdown_figure

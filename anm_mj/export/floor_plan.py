@@ -84,11 +84,7 @@ def export_geojson(run: Run, out: Path) -> list[Path]:
     ]
     trajectory = np.array([frame.pose.xy_m for frame in run.frames])
     features.append(_feature("LineString", trajectory, kind="trajectory"))
-    path = out / "graph.geojson"
-    whole = {"type": "FeatureCollection", "coordinates_in": "metres, world frame", "features": features}
-    with writing(path):
-        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
-    return [path]
+    return _written(out / "graph.geojson", features, coordinates_in="metres, world frame")
 
 
 def export_route(run: Run, out: Path) -> list[Path]:
@@ -109,11 +105,7 @@ def export_route(run: Run, out: Path) -> list[Path]:
         _feature("MultiLineString", [[xy[a], xy[b]]], id=len(xy) + number, startid=a, endid=b, cost=length)
         for number, ((a, b), length) in enumerate(zip(both, np.tile(graph.edge_length_m, 2), strict=True))
     ]
-    path = out / "route.geojson"
-    with writing(path):
-        whole = {"type": "FeatureCollection", "name": "graph", "features": features}
-        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
-    return [path]
+    return _written(out / "route.geojson", features, name="graph")
 
 
 def survey_of(run: Run) -> Plan:
@@ -143,6 +135,13 @@ def _with_data(parent: ElementTree.Element, tag: str, attributes: dict[str, str]
     element = ElementTree.SubElement(parent, tag, attributes)
     for key, value in data.items():
         ElementTree.SubElement(element, "data", key=key).text = repr(value)
+
+
+def _written(path: Path, features: list[dict[str, Any]], **about: str) -> list[Path]:
+    whole = {"type": "FeatureCollection", **about, "features": features}
+    with writing(path):
+        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
+    return [path]
 
 
 def _feature(kind_of_geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class RunFolder:
     covered_before = _Member("covered_before.npz")
     """Of a run that goes on from another one: how near each sample of the true surface had been seen before."""
     changes = _Member("changes.json")
-    """Of such a run: surface that is gone or new since then (:mod:`anm_mj.io.changes_file`)."""
+    """Of such a run: surface that is gone or new since then (:func:`anm_mj.io.explored_file.write_changes`)."""
     changed_voxels = _Member("changes.npz")
     """The voxels of these changes."""
     checkpoints = _Member("checkpoint")

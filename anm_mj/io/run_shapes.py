@@ -55,6 +55,7 @@ class StepShape(Struct):
 
     step: Count
     action: str
+    """Name of an :class:`~anm_mj.types.Action`."""
     x_m: Length
     y_m: Length
     yaw_rad: Number
@@ -63,6 +64,7 @@ class StepShape(Struct):
     left_radps: Number
     right_radps: Number
     ms: dict[str, Annotated[float, Meta(ge=0.0, le=1e12)]]
+    """Wall time by stage [ms]."""
 
 
 class IntrinsicsShape(Struct):

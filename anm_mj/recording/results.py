@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import functools
 import importlib
-import math
 import resource
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -19,12 +18,10 @@ from anm_mj.evaluation.lost_surface import surface_lost_percent
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
 from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
-from anm_mj.io.changes_file import write_changes
-from anm_mj.io.explored_file import Explored, write_explored
+from anm_mj.io.explored_file import Explored, write_changes, write_explored
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import write_plan
-from anm_mj.io.read_run import read_json, read_run
-from anm_mj.io.run_title import titled
+from anm_mj.io.read_run import read_json, read_run, titled
 from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
@@ -35,21 +32,6 @@ from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
-
-
-class ReturnFacts(NamedTuple):
-    """How a robot that was to go back to its start did so."""
-
-    steps: int | None
-    """Steps of the return; None where it did not begin one."""
-    distance_m: float | None
-    """From the last known pose to the first one [m]; None where none was known."""
-
-    @classmethod
-    def of(cls, poses: list[Pose2], num_steps: int, explored_steps: int | None) -> ReturnFacts:
-        """The return of a run, from its poses, its steps, and the steps before it; None = there was none."""
-        steps = None if explored_steps is None else num_steps - explored_steps
-        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m) if poses else None)
 
 
 def load_mesh_library(recorder: RunRecorder) -> None:
@@ -66,7 +48,7 @@ def write_results(
     wall_s: float,
     release: Callable[[], None] = lambda: None,
     memory: dict[str, np.ndarray] | None = None,
-    back: ReturnFacts | None = None,
+    back: tuple[int | None, float | None] = (None, None),
 ) -> Metrics:
     """Write mesh, map, pictures and metrics, and close the recorder. Raises RunFolderError if the folder cannot be
     written.
@@ -80,7 +62,8 @@ def write_results(
         release: Called as soon as the map is needed no more, so that its memory is free for what follows.
         memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to do
             so.
-        back: How the robot went back to its start; None where it was not to.
+        back: Of a robot that was to go back to its start: the steps of its return, None where it did not begin one, and
+            how far from the start it ended [m].
     """
     recorder.flush()
     folder, curve, statistics = recorder.folder, recorder.curve, recorder.statistics
@@ -90,8 +73,8 @@ def write_results(
         hz=statistics.steps / ended.loop_s if ended.loop_s > 0.0 else None,
         evaluation_s=recorder.evaluation_s,
         peak_rss_mib=peak_rss_mib(),
-        return_steps=back and back.steps,
-        return_distance_m=back and back.distance_m,
+        return_steps=back[0],
+        return_distance_m=back[1],
         **recorder.people.metrics(),
     )
     recorder.close_logs()

@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int
 from anm_mj.errors import RunFolderError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.plan_file import read_plan
-from anm_mj.io.read_run import Run, read_run
-from anm_mj.io.run_title import run_title
+from anm_mj.io.read_run import Run, read_run, run_title
 from anm_mj.types import DEFAULT_FOOTPRINT, Plan
 
 
