@@ -42,7 +42,7 @@ from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, frame_fit, misfits, say_misfits
-from anm_mj.sequence_check.report import facts
+from anm_mj.sequence_check.warn_and_fix import facts
 from anm_mj.types import Footprint, MapUpdate, Observation
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.stopwatch import Stopwatch

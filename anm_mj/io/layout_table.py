@@ -49,11 +49,6 @@ class Layout:
     belong together, where its have such."""
 
     @property
-    def signs(self) -> tuple[str, str]:
-        """How it is recognised, with and without poses."""
-        return self.sign, self.unposed_sign
-
-    @property
     def unposed_sign(self) -> str:
         """How it is recognised where poses are not needed."""
         return self.unposed or self.sign

@@ -5,6 +5,7 @@ said by the user where several fit. Depth has to be registered to the colour ima
 (``aligned_depth_to_color``).
 """
 
+import functools
 import logging
 import weakref
 from pathlib import Path
@@ -134,17 +135,12 @@ class _Bag(BagMotion):
             LeftOut(len(pairs) - len(kept), len(pairs), why),
         )
         matrices, missing = bridged([pairs[k][0].time_s for k in kept], [poses[k] for k in kept])
+        read_depth = functools.partial(depth_image, unit_m=unit_m)
         frames = []
         for k, T in zip(kept, matrices, strict=True):
-            depth_stamp, colour_stamp = pairs[k]
-            frames.append(
-                Frame(
-                    depth_stamp.time_s - pairs[0][0].time_s,
-                    self.later(colour, colour_stamp, colour_image),
-                    self.later(depth, depth_stamp, lambda message: depth_image(message, unit_m)),
-                    T,
-                )
-            )
+            stamp, colour_stamp = pairs[k]
+            images = self.later(colour, colour_stamp, colour_image), self.later(depth, stamp, read_depth)
+            frames.append(Frame(stamp.time_s - pairs[0][0].time_s, *images, T))
         return Sequence(
             self.path,
             intrinsics,

@@ -84,14 +84,9 @@ class RunFolder:
 
     @classmethod
     def create(cls, out: Path | None, scene_name: str, policy: str, runs: Path = RUNS) -> RunFolder:
-        """Create the folder of a new run. Raises RunFolderError if the path is a file or a non-empty folder, or cannot
-        be created.
-
-        Args:
-            out: Its path; None = ``<runs>/<scene>_<policy>_<time stamp>``, with a link ``<runs>/latest`` to it.
-            scene_name: Name of the scene.
-            policy: Name of the policy, possibly ``module:Name``.
-            runs: Parent of automatically named folders.
+        """Create the folder of a new run: ``out``, or ``<runs>/<scene>_<policy>_<time stamp>`` with a link
+        ``<runs>/latest`` to it. The policy's name may be ``module:Name``. Raises RunFolderError if the path is a file
+        or a non-empty folder, or cannot be created.
         """
         path = out if out is not None else runs / _stem(scene_name, policy)
         try:

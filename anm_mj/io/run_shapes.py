@@ -32,20 +32,16 @@ class LocalisationShape(Struct):
 
 
 class FrameShape(PoseShape):
-    """A line of ``frames.jsonl``."""
+    """A line of ``frames.jsonl``; :class:`~anm_mj.io.run_records.FrameRecord` says what its parts are."""
 
     step: Count
     time_s: Number
     true: PoseShape | None = None
     """Only where it differs from the believed one."""
     people: list[tuple[Length, Length, Number, Number, Number]] = []
-    """Of each person: place, yaw [rad], phase of the gait [rad], swing of the limbs."""
     chair: tuple[Length, Length, Number] | None = None
-    """Place and yaw [rad] of the chair that is pushed."""
     vacuums: list[tuple[Length, Length, Number]] = []
-    """Place and yaw [rad] of each vacuum robot."""
     doors: list[tuple[Length, Length, Number, Length]] = []
-    """Of each leaf of a door: place of its hinge, yaw [rad] and length."""
     localisation: LocalisationShape | None = None
     """Only where the pose was estimated."""
 

@@ -114,7 +114,9 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
 
 def _holds_bag_alone(path: Path) -> bool:
     """Whether a folder holds files of a bag, and nothing that tells of another layout."""
-    if not os.path.isdir(path) or any(is_there(path, sign) for each in LAYOUTS.values() for sign in each.signs):
+    if not os.path.isdir(path) or any(
+        is_there(path, sign) for each in LAYOUTS.values() for sign in (each.sign, each.unposed_sign)
+    ):
         return False
     try:
         return bool(files_in(path))

@@ -50,18 +50,17 @@ def write_results(
     memory: dict[str, np.ndarray] | None = None,
     back: tuple[int | None, float | None] = (None, None),
 ) -> Metrics:
-    """Write mesh, map, pictures and metrics, and close the recorder. Raises RunFolderError if the folder cannot be
-    written.
+    """Write mesh, map, pictures and metrics of a recorded run that has ``ended``, and close the recorder. Raises
+    RunFolderError if the folder cannot be written.
 
     Args:
         recorder: Has recorded the run.
         ended: How the loop ended.
         finished: The neural map.
-        survey: What planning reads out of it at the end: top-down map, graph and regions, for the picture.
-        wall_s: Wall time from the start of the program to the end of the loop [s].
+        survey: What planning reads out of it at the end.
+        wall_s: From the start of the program to the end of the loop [s].
         release: Called as soon as the map is needed no more, so that its memory is free for what follows.
-        memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to do
-            so.
+        memory: What the policy remembers beside the map, for a run that goes on from this one; None = none does.
         back: Of a robot that was to go back to its start: the steps of its return, None where it did not begin one, and
             how far from the start it ended [m].
     """

@@ -27,16 +27,9 @@ SMALL_QUALITY, FULL_QUALITY = 80, 95
 
 
 class RunLog:
-    """Writes observations, actions and decisions of a run, or of a recorded sequence.
-
-    Args:
-        folder: A new run folder.
-        record: What is kept besides the numbers.
-        before: None for a new run; for one that goes on, the lengths of its logs by name, and the step after which they
-            were taken. What was written later is removed.
-
-    Raises:
-        RunFolderError: From every method, if the folder cannot be written.
+    """Writes observations, actions and decisions of a run, or of a recorded sequence. ``before`` is None for a new run;
+    for one that goes on, the lengths of its logs by name, and the step after which they were taken: what was written
+    later is removed. Every method raises RunFolderError if the folder cannot be written.
     """
 
     REBUILT = ("_folder", "_record", "_steps", "_plans", "_frames", "_trajectory")
@@ -87,15 +80,10 @@ class RunLog:
         *,
         closes_loop: bool = False,
     ) -> None:
-        """Record an observation; the first one comes before any action.
-
-        Args:
-            observation: What the robot perceived.
-            true: What it was truly made of, where that differs.
-            estimate: What localisation says of the pose; None where there is none.
-            fit: How well the frame fits the map of those before it, by name; None = that was not looked at.
-            depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
-            closes_loop: Whether it moved earlier keyframes.
+        """Record an observation; the first one comes before any action. ``true`` is what it was truly made of, where
+        that differs; ``depth_mm`` the reduced depth, of the truth where the sensor gave a value [mm], None = it is
+        reduced here; ``estimate`` what localisation says of the pose; ``fit`` how well the frame fits the map of those
+        before it, by name; ``closes_loop``: whether it moved earlier keyframes.
         """
         if not self._num_frames:
             _write_camera(self._folder.camera, observation)
@@ -144,13 +132,10 @@ class RunLog:
             {
                 "step": step,
                 "action": result.action.name,
-                "x_m": pose.x_m,
-                "y_m": pose.y_m,
-                "yaw_rad": pose.yaw_rad,
+                **vars(pose),
                 "collided": result.collided,
                 "moved_m": result.moved_m,
-                "left_radps": result.wheel_speeds.left_radps,
-                "right_radps": result.wheel_speeds.right_radps,
+                **vars(result.wheel_speeds),
                 "loss": update.loss,
                 "iterations": update.num_iterations,
                 "keyframes": update.num_keyframes,
@@ -221,20 +206,11 @@ def _small(rgb: UInt8[np.ndarray, "h w 3"]) -> Image.Image:
 
 def _where(pose: Pose2, T_world_camera: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
     """Poses of base and camera, in the keys of ``frames.jsonl``."""
-    return {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad, "T_world_camera": T_world_camera}
+    return {**vars(pose), "T_world_camera": T_world_camera}
 
 
 def _write_camera(path: Path, observation: Observation) -> None:
     rows, cols = reduce_depth(observation.depth_m).shape
-    write_json(
-        path,
-        {
-            "intrinsics": observation.intrinsics,
-            "depth": {
-                "rows": rows,
-                "cols": cols,
-                "unit": "millimetre of planar z, 0 where nothing",
-                "pixels": "row i is row floor(i * height / rows) of the original image, columns likewise",
-            },
-        },
-    )
+    pixels = "row i is row floor(i * height / rows) of the original image, columns likewise"
+    depth = {"rows": rows, "cols": cols, "unit": "millimetre of planar z, 0 where nothing", "pixels": pixels}
+    write_json(path, {"intrinsics": observation.intrinsics, "depth": depth})
