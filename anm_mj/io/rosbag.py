@@ -19,8 +19,7 @@ from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import readable_parts
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
-from anm_mj.io.bag_motion import BagMotion
-from anm_mj.io.bag_reader import Stamp
+from anm_mj.io.bag_reader import BagReader, Stamp
 from anm_mj.io.sequence import Frame, LeftOut, Sequence, SequenceOptions, from_pixel_centres
 from anm_mj.io.sequence_poses import bridged, nearest_index
 from anm_mj.types import Intrinsics
@@ -81,7 +80,7 @@ def _unreadable(path: Path, err: Exception) -> RunFolderError:
     return RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).")
 
 
-class _Bag(BagMotion):
+class _Bag(BagReader):
     """Finds camera, images and poses in an open bag."""
 
     def sequence(self) -> Sequence:
