@@ -280,13 +280,11 @@ def _finish(
     stages = RegionStages(config.planning, footprint)
     for pose in log.poses:
         stages.topdown.visit(pose.xy_m)
-    state = stages.read(neural_map, last)
-    write_plan(folder.survey, state.plan("the end"))
+    survey = stages.read(neural_map, last).plan("the end")
+    write_plan(folder.survey, survey)
     with writing(folder.topdown_picture):
         figure = topdown_figure(
-            state.topdown,
-            state.graph,
-            state.regions,
+            survey,
             log.poses,
             target_xy_m=log.last_target_xy_m,
             title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",

@@ -27,13 +27,9 @@ def export_figures(run: Run, out: Path) -> list[Path]:
 
 def topdown_of(run: Run) -> ShownFigure:
     """A run's top-down map. Raises RunFolderError if it has none."""
-    survey = survey_of(run)
-    assert survey.topdown is not None
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
     return topdown_figure(
-        survey.topdown,
-        survey.graph,
-        survey.regions,
+        survey_of(run),
         [frame.pose for frame in run.frames],
         target_xy_m=np.array(targets[-1], dtype=np.float64) if targets else None,
         title=titled(run.folder, _metrics(run)),

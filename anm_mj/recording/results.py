@@ -127,14 +127,11 @@ def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange])
     from anm_mj.viz.plots import topdown_figure
 
     folder = recorder.folder
-    assert survey.topdown is not None
     if recorder.truth is not None:
         write_curve(folder, recorder.curve, recorder.statistics)
     with writing(folder.topdown_picture):
         figure = topdown_figure(
-            survey.topdown,
-            survey.graph,
-            survey.regions,
+            survey,
             recorder.log.poses,
             target_xy_m=recorder.log.last_target_xy_m,
             title=titled(folder, pictured(recorder.curve, recorder.statistics)),
