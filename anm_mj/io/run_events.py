@@ -16,14 +16,17 @@ class Completed(Protocol):
     @property
     def step(self) -> int:
         """The step of the figures."""
+        ...
 
     @property
     def completion_ratio(self) -> float:
         """Share of all surface that was seen to 5 cm [%]."""
+        ...
 
     @property
     def observable_ratio(self) -> float | None:
         """The same of the surface that can be seen; None where that is not known [%]."""
+        ...
 
 
 def headline(row: Completed) -> tuple[float, str]:

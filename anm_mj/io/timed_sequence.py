@@ -77,10 +77,11 @@ def read_icl(folder: Path, *, max_gap_s: float) -> Sequence:
     frames = []
     for number, one, _, other in listed:
         names = (other, one) if "depth" in one else (one, other)
+        colour, depth = (folder / with_slashes(name) for name in names)
         time_s = float(number) * FRAME_S
         pose = track.at(time_s)
         if pose is not None:
-            frames.append(Frame(time_s, *(folder / with_slashes(name) for name in names), mirror @ pose @ flip))
+            frames.append(Frame(time_s, colour, depth, mirror @ pose @ flip))
     left_out = LeftOut(len(listed) - len(frames), len(listed), "no pose is known at their time (--max-gap)")
     camera = from_pixel_centres(*_ICL_SIZE, _ICL_CAMERA)
     return Sequence(folder, camera, 1.0 / 5000.0, tuple(frames), resize=True, left_out=(left_out,))
