@@ -19,9 +19,8 @@ from jaxtyping import Bool, Float64, Int64
 from anm_mj.config import make_config
 from anm_mj.errors import AnmError, MapError
 from anm_mj.io.curve_file import read_curve
-from anm_mj.io.read_run import Run, read_json, read_run
+from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_title import titled
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 if TYPE_CHECKING:
@@ -103,18 +102,12 @@ class LoadedRun:
         steps = self.content.steps
         number: Int64[np.ndarray, " n"] = np.array([step.step for step in steps], np.int64)
         collided: Bool[np.ndarray, " n"] = np.array([step.collided for step in steps], bool)
-        columns: dict[str, np.ndarray] = {"step": number, "action": np.array([step.action.name for step in steps])}
+        columns: dict[str, np.ndarray] = {"step": number, "action": np.array([step.action for step in steps])}
         columns["collided"] = collided
-        values = {
-            "x_m": [step.pose.x_m for step in steps],
-            "y_m": [step.pose.y_m for step in steps],
-            "yaw_rad": [step.pose.yaw_rad for step in steps],
-            "moved_m": [step.moved_m for step in steps],
-            "left_radps": [step.wheel_speeds.left_radps for step in steps],
-            "right_radps": [step.wheel_speeds.right_radps for step in steps],
-        }
-        for stage in dict.fromkeys(stage for step in steps for stage in step.stage_ms):
-            values[f"ms_{stage}"] = [step.stage_ms.get(stage, np.nan) for step in steps]
+        names = ("x_m", "y_m", "yaw_rad", "moved_m", "left_radps", "right_radps")
+        values = {name: [getattr(step, name) for step in steps] for name in names}
+        for stage in dict.fromkeys(stage for step in steps for stage in step.ms):
+            values[f"ms_{stage}"] = [step.ms.get(stage, np.nan) for step in steps]
         return columns | {name: np.array(column, np.float64) for name, column in values.items()}
 
     @cached_property

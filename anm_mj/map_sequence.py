@@ -22,7 +22,7 @@ from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
-from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.plan_file import write_plan
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
@@ -42,7 +42,7 @@ from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, frame_fit, misfits, say_misfits
-from anm_mj.sequence_check.report import facts
+from anm_mj.sequence_check.warn_and_fix import facts
 from anm_mj.types import Footprint, MapUpdate, Observation
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.stopwatch import Stopwatch
@@ -280,13 +280,11 @@ def _finish(
     stages = RegionStages(config.planning, footprint)
     for pose in log.poses:
         stages.topdown.visit(pose.xy_m)
-    state = stages.read(neural_map, last)
-    write_plan(folder.survey, PlanRecord.of(state.plan("the end")))
+    survey = stages.read(neural_map, last).plan("the end")
+    write_plan(folder.survey, survey)
     with writing(folder.topdown_picture):
         figure = topdown_figure(
-            state.topdown,
-            state.graph,
-            state.regions,
+            survey,
             log.poses,
             target_xy_m=log.last_target_xy_m,
             title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",

@@ -1,5 +1,6 @@
 """One run, from a configuration to a run folder: lets ``explore`` loop over the parts, and writes what it brought."""
 
+import math
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -24,7 +25,7 @@ from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
-from anm_mj.recording.results import ReturnFacts, load_mesh_library, write_results
+from anm_mj.recording.results import load_mesh_library, write_results
 from anm_mj.run_parts import Parts, make_parts
 from anm_mj.types import Observation, Plan, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
@@ -177,9 +178,11 @@ def run_loop(
         # It holds the optimiser twice.
         malloc_trim()
     left = _what_is_left(parts, recorder, ended)
-    back = None
+    back = None, None
     if isinstance(parts.policy, ReturnToStart):
-        back = ReturnFacts.of(recorder.poses, ended.num_steps, None if interrupted else parts.policy.explored_steps)
+        explored_steps, poses = None if interrupted else parts.policy.explored_steps, recorder.poses
+        steps = None if explored_steps is None else ended.num_steps - explored_steps
+        back = steps, math.dist(poses[-1].xy_m, poses[0].xy_m) if poses else None
     memory = None if config.record.replay_bytes == 0 else parts.explorer.memory()
     metrics = write_results(
         recorder, ended, mapper, left, wall_s=wall_s, release=mapper.close, memory=memory, back=back

@@ -219,7 +219,7 @@ def replay_figures(run: Path) -> list[Figure]:
         curve, collisions = CompletionCurve(truth), 0
         with make_robot(world, start=record.frames[0].pose, drive=drive, image_px=record.intrinsics.width) as robot:
             for step in (None, *record.steps):
-                collisions += step is not None and robot.act(step.action).collided
+                collisions += step is not None and robot.act(Action[step.action]).collided
                 seen = robot.observe()
                 depth_mm = reduce_depth(seen.depth_m)
                 curve.frame(seen.step, depth_mm, seen.intrinsics, seen.T_world_camera, seen.pose)

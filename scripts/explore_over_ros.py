@@ -123,7 +123,7 @@ def explore_inside(run: Path, scene: str, *, noisy: bool, **options: Any) -> Non
 
 def num_turns(run: Path) -> int:
     """Turns among the actions of a run."""
-    return sum("TURN" in step.action.name for step in read_run(run).steps)
+    return sum("TURN" in step.action for step in read_run(run).steps)
 
 
 def explore_over_ros(run: Path, simulated: Sequence[object], options: Sequence[object]) -> None:

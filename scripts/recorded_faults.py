@@ -22,18 +22,12 @@ from anm_mj.events import Observed, On
 from anm_mj.explore import explore
 from anm_mj.frames import T_GL_CV
 from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.io.sequence_poses import at_times
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
-from anm_mj.sequence_check.correction import (
-    Correction,
-    all_axes,
-    at_times,
-    axes_matrix,
-    inverse,
-    is_left_handed,
-)
+from anm_mj.sequence_check.correction import Correction, all_axes, axes_matrix, inverse, is_left_handed
 from anm_mj.sequence_check.find_faults import UNITS_M
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.sensors.camera_sensor import Sensor

@@ -31,14 +31,13 @@ from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import halved_intrinsics
 from anm_mj.io.curve_file import COMPLETION_COLUMNS
 from anm_mj.io.mesh_file import read_mesh
-from anm_mj.io.read_run import Run, read_json, read_run
+from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.scene.folder import load_scene
-from anm_mj.types import DEFAULT_FOOTPRINT
+from anm_mj.types import DEFAULT_FOOTPRINT, Action
 from anm_mj.utils.files import write_text
 from anm_mj.utils.progress import Progress, unheard
 
@@ -79,7 +78,7 @@ def evaluate_run(
         truth = _with_observable(run, truth, on_progress)
     statistics = EpisodeStatistics()
     for step in run.steps:
-        statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
+        statistics = statistics.after(Action[step.action], step.collided, step.moved_m, step.ms)
     curve = CompletionCurve(truth, _covered_before(run.folder, truth))
     for frame in run.frames:
         believed = None if frame.is_lost else frame.pose

@@ -8,8 +8,7 @@ import numpy as np
 from anm_mj.errors import RunFolderError
 from anm_mj.export.floor_plan import survey_of
 from anm_mj.io.curve_file import read_curve
-from anm_mj.io.read_run import Run, read_json
-from anm_mj.io.run_title import titled
+from anm_mj.io.read_run import Run, read_json, titled
 from anm_mj.io.write import writing
 from anm_mj.viz.figure_file import KINDS, ShownFigure, save_figure
 from anm_mj.viz.plots import curve_figure, topdown_figure
@@ -28,13 +27,9 @@ def export_figures(run: Run, out: Path) -> list[Path]:
 
 def topdown_of(run: Run) -> ShownFigure:
     """A run's top-down map. Raises RunFolderError if it has none."""
-    survey = survey_of(run)
-    assert survey.topdown is not None
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
     return topdown_figure(
-        survey.topdown,
-        survey.graph,
-        survey.regions,
+        survey_of(run),
         [frame.pose for frame in run.frames],
         target_xy_m=np.array(targets[-1], dtype=np.float64) if targets else None,
         title=titled(run.folder, _metrics(run)),

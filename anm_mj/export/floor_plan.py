@@ -9,11 +9,11 @@ import numpy as np
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.plan_file import PlanRecord, read_plan
+from anm_mj.io.plan_file import read_plan
 from anm_mj.io.read_run import Run
 from anm_mj.io.to_json import to_json
 from anm_mj.io.write import writing
-from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
+from anm_mj.types import FREE, OCCUPIED, Plan, TopDownMap, VoronoiGraph
 
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """Greys of ROS's map_server; 205 is unknown with the thresholds below."""
@@ -84,11 +84,7 @@ def export_geojson(run: Run, out: Path) -> list[Path]:
     ]
     trajectory = np.array([frame.pose.xy_m for frame in run.frames])
     features.append(_feature("LineString", trajectory, kind="trajectory"))
-    path = out / "graph.geojson"
-    whole = {"type": "FeatureCollection", "coordinates_in": "metres, world frame", "features": features}
-    with writing(path):
-        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
-    return [path]
+    return _written(out / "graph.geojson", features, coordinates_in="metres, world frame")
 
 
 def export_route(run: Run, out: Path) -> list[Path]:
@@ -109,14 +105,10 @@ def export_route(run: Run, out: Path) -> list[Path]:
         _feature("MultiLineString", [[xy[a], xy[b]]], id=len(xy) + number, startid=a, endid=b, cost=length)
         for number, ((a, b), length) in enumerate(zip(both, np.tile(graph.edge_length_m, 2), strict=True))
     ]
-    path = out / "route.geojson"
-    with writing(path):
-        whole = {"type": "FeatureCollection", "name": "graph", "features": features}
-        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
-    return [path]
+    return _written(out / "route.geojson", features, name="graph")
 
 
-def survey_of(run: Run) -> PlanRecord:
+def survey_of(run: Run) -> Plan:
     """Top-down map, graph and regions of the final map; of the last decision where the run did not end. Raises
     RunFolderError if the run kept neither.
     """
@@ -143,6 +135,13 @@ def _with_data(parent: ElementTree.Element, tag: str, attributes: dict[str, str]
     element = ElementTree.SubElement(parent, tag, attributes)
     for key, value in data.items():
         ElementTree.SubElement(element, "data", key=key).text = repr(value)
+
+
+def _written(path: Path, features: list[dict[str, Any]], **about: str) -> list[Path]:
+    whole = {"type": "FeatureCollection", **about, "features": features}
+    with writing(path):
+        path.write_text(json.dumps(to_json(whole)) + "\n", encoding="utf-8")
+    return [path]
 
 
 def _feature(kind_of_geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:

@@ -73,8 +73,12 @@ def export_run(
         RunFolderError: There is no such format, the run lacks what it needs, or the folder cannot be written.
         MapError: The run's map cannot be read.
     """
+    known = (*FORMATS, ALL)
     for name in names:
-        _require_known(name)
+        if name not in known:
+            raise RunFolderError(
+                f"There is no format '{name}'{close_name(name, known)}; choose from {', '.join(known)}."
+            )
     chosen = list(dict.fromkeys(each for name in names for each in (FORMATS if name == ALL else (name,))))
     # Here, not above: the command line asks for the names of the formats alone.
     from anm_mj.export.wall_clock import on_wall_clock
@@ -108,10 +112,3 @@ def export_run(
                 raise
             _logger.warning("Left out: %s. %s", name, err)
     return written
-
-
-def _require_known(name: str) -> None:
-    if name not in (*FORMATS, ALL):
-        raise RunFolderError(
-            f"There is no format '{name}'{close_name(name, (*FORMATS, ALL))}; choose from {', '.join((*FORMATS, ALL))}."
-        )

@@ -3,7 +3,6 @@
 import io
 import logging
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -20,7 +19,7 @@ from anm_mj.types import Intrinsics
 
 _logger = logging.getLogger(__name__)
 
-DEPTH_PIXELS = "first of each block"
+_DEPTH_PIXELS = "first of each block"
 """Which pixels of an image its smaller depth holds; see :mod:`anm_mj.ground_truth.reduced_depth`."""
 
 
@@ -47,12 +46,11 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
         }
         for frame in run.frames
     ]
-    facts: dict[str, Any] = {"camera_model": "OPENCV", "w": camera.width, "h": camera.height}
+    facts = {"camera_model": "OPENCV", "w": camera.width, "h": camera.height}
     facts |= {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
-    facts |= {"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
-    facts |= {"depth_unit_scale_factor": 0.001, "depth_pixels": DEPTH_PIXELS}
-    facts |= {"ply_file_path": "points.ply", "frames": frames}
-    write_json(folder / "transforms.json", facts)
+    facts |= dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
+    facts |= {"depth_unit_scale_factor": 0.001, "depth_pixels": _DEPTH_PIXELS}
+    write_json(folder / "transforms.json", {**facts, "ply_file_path": "points.ply", "frames": frames})
     return [folder]
 
 

@@ -13,11 +13,8 @@ _LONG_S = 1e8
 
 
 def on_wall_clock(run: Run, start_s: float | None) -> Run:
-    """A run with times since 1970. Raises RunFolderError if ROS has no stamps for these times.
-
-    Args:
-        run: The run; one of a live robot has such times already.
-        start_s: When it began [s since 1970]; None = as it says.
+    """A run with times since 1970, which that of a live robot has already. ``start_s`` is when it began [s since 1970],
+    None = as it says. Raises RunFolderError if ROS has no stamps for these times.
     """
     if start_s is None:
         start_s = 0.0 if run.frames[0].time_s > _LONG_S else began_s(run)

@@ -25,8 +25,7 @@ def read_image(path: Path, mode: str | None = None, *, turned: bool = False) -> 
                 require_depth(image)
             upright = ImageOps.exif_transpose(image) if turned else image
             return np.asarray(upright.convert(mode) if mode else upright)
-    # A decoder raises SyntaxError for a damaged PNG.
-    except (OSError, SyntaxError, ValueError) as err:
+    except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); copy it again.") from err
 
 

@@ -19,7 +19,7 @@ class LineWriter:
     """
 
     def __init__(self, path: Path, size: int | None = None) -> None:
-        self._path = path
+        self.path = path
         with writing(path):
             # What is there may have been put there by anybody: a link to another file is not followed.
             flags = os.O_WRONLY | os.O_NOFOLLOW | (os.O_CREAT | os.O_TRUNC if size is None else os.O_APPEND)
@@ -29,18 +29,13 @@ class LineWriter:
             self._file = os.fdopen(descriptor, "w", encoding="utf-8", newline="\n")
 
     @property
-    def path(self) -> Path:
-        """The file."""
-        return self._path
-
-    @property
     def size(self) -> int:
         """Length of all complete lines [bytes]."""
         return os.fstat(self._file.fileno()).st_size
 
     def line(self, text: str) -> None:
         """Append a line of text."""
-        with writing(self._path):
+        with writing(self.path):
             self._file.write(text + "\n")
             self._file.flush()
 

@@ -45,13 +45,8 @@ class Layout:
     needs: tuple[str, ...] = ()
     """What else has to be there; alternatives between bars."""
     times: tuple[str, ...] = ()
-    """Fields of :class:`~anm_mj.io.sequence_layouts.SequenceOptions` that say how images and poses of different times
+    """Fields of :class:`~anm_mj.io.sequence.SequenceOptions` that say how images and poses of different times
     belong together, where its have such."""
-
-    @property
-    def signs(self) -> tuple[str, str]:
-        """How it is recognised, with and without poses."""
-        return self.sign, self.unposed_sign
 
     @property
     def unposed_sign(self) -> str:

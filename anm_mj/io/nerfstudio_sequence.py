@@ -10,11 +10,10 @@ from msgspec import Meta, Struct
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV
 from anm_mj.geometry.lens_distortion import EQUIDISTANT, LensDistortion
-from anm_mj.io.frame_cameras import with_cameras
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count, with_cameras
 from anm_mj.io.sequence_text import in_number_order, with_slashes
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import convert

@@ -11,11 +11,10 @@ import numpy as np
 from msgspec import Meta, Struct, defstruct
 
 from anm_mj.frames import T_GL_CV
-from anm_mj.io.frame_cameras import with_cameras
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count, with_cameras
 from anm_mj.io.sequence_poses import tum_matrix
 from anm_mj.io.sequence_text import in_number_order, number_rows, seconds
 from anm_mj.io.video_frames import VideoFrames, video_size

@@ -6,12 +6,10 @@ graph and the path are float32, which is 1 micrometre at 10 m.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
@@ -26,61 +24,47 @@ _FARTHEST_M = 1e6
 """A map begins nowhere beyond this [m]."""
 
 
-@dataclass(frozen=True)
-class PlanRecord:
-    """A decision as replay and exports read it."""
-
-    path_xy_m: Float[np.ndarray, "k 2"]
-    """Polyline from the robot to the target, world [m]; empty for a turn on the spot or a stop."""
-    topdown: TopDownMap | None = None
-    graph: VoronoiGraph | None = None
-    regions: tuple[Region, ...] = ()
-
-    @classmethod
-    def of(cls, plan: Plan) -> PlanRecord:
-        """The parts of a plan that are recorded."""
-        return cls(plan.path_xy_m, plan.topdown, plan.graph, plan.regions)
-
-
-def write_plan(path: Path, record: PlanRecord) -> None:
-    """Write a decision, whole or not at all. Raises RunFolderError if the file cannot be written."""
-    arrays: dict[str, Any] = {"path_xy_m": np.asarray(record.path_xy_m, np.float32).reshape(-1, 2)}
-    if record.topdown is not None:
+def write_plan(path: Path, plan: Plan) -> None:
+    """Write what a decision was read from, whole or not at all. Raises RunFolderError if the file cannot be written."""
+    arrays: dict[str, Any] = {"path_xy_m": np.asarray(plan.path_xy_m, np.float32).reshape(-1, 2)}
+    if plan.topdown is not None:
         # Half precision: 2 mm at 4 m, and half the bytes.
         arrays |= {
-            "state": record.topdown.state,
-            "clearance_m": record.topdown.clearance_m.astype(np.float16),
-            "resolution_m": np.float64(record.topdown.resolution_m),
-            "origin_xy_m": record.topdown.origin_xy_m,
+            "state": plan.topdown.state,
+            "clearance_m": plan.topdown.clearance_m.astype(np.float16),
+            "resolution_m": np.float64(plan.topdown.resolution_m),
+            "origin_xy_m": plan.topdown.origin_xy_m,
         }
-        if record.topdown.no_floor is not None and record.topdown.no_floor.any():
-            arrays["no_floor"] = record.topdown.no_floor
-    if record.graph is not None:
+        if plan.topdown.no_floor is not None and plan.topdown.no_floor.any():
+            arrays["no_floor"] = plan.topdown.no_floor
+    if plan.graph is not None:
         arrays |= {
-            "vertex_xy_m": record.graph.vertex_xy_m.astype(np.float32),
-            "vertex_clearance_m": record.graph.clearance_m.astype(np.float32),
-            "edges": record.graph.edges.reshape(-1, 2).astype(np.int32),
-            "edge_length_m": record.graph.edge_length_m.astype(np.float32),
+            "vertex_xy_m": plan.graph.vertex_xy_m.astype(np.float32),
+            "vertex_clearance_m": plan.graph.clearance_m.astype(np.float32),
+            "edges": plan.graph.edges.reshape(-1, 2).astype(np.int32),
+            "edge_length_m": plan.graph.edge_length_m.astype(np.float32),
         }
-    if record.regions:
+    if plan.regions:
         arrays |= {
-            "region_centre_m": np.array([region.centre_m for region in record.regions], np.float32),
-            "region_normal": np.array([region.normal for region in record.regions], np.float32),
-            "region_members": np.array([region.num_members for region in record.regions], np.int32),
-            "region_score": np.array([region.score for region in record.regions], np.float32),
-            "region_vertex": np.array([region.vertex for region in record.regions], np.int32),
+            "region_centre_m": np.array([region.centre_m for region in plan.regions], np.float32),
+            "region_normal": np.array([region.normal for region in plan.regions], np.float32),
+            "region_members": np.array([region.num_members for region in plan.regions], np.int32),
+            "region_score": np.array([region.score for region in plan.regions], np.float32),
+            "region_vertex": np.array([region.vertex for region in plan.regions], np.int32),
         }
     with writing(path), atomic_write(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def read_plan(path: Path) -> PlanRecord:
-    """Read what :func:`write_plan` wrote. Raises RunFolderError if the file is missing or holds something else."""
+def read_plan(path: Path) -> Plan:
+    """Read what :func:`write_plan` wrote: a plan without its reason, and all else that is not in the file. Raises
+    RunFolderError if the file is missing or holds something else.
+    """
     try:
         arrays = read_npz(path)
         path_xy_m = array_of(arrays, "path_xy_m", "f", (None, 2)).astype(np.float64)
         graph = _graph(arrays)
-        return PlanRecord(path_xy_m, _topdown(arrays), graph, tuple(_regions(arrays, graph)))
+        return Plan("", path_xy_m, topdown=_topdown(arrays), graph=graph, regions=tuple(_regions(arrays, graph)))
     except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read as a decision ({err}); copy the run again.") from err
 

@@ -2,7 +2,7 @@
 
 import functools
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,9 +18,9 @@ from anm_mj.io.camera_checks import check_camera, check_time, no_poses
 from anm_mj.io.image import read_image
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_records import FrameRecord, StepRecord
+from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
-from anm_mj.types import Action, Footprint, Intrinsics, Pose2, WheelSpeeds
+from anm_mj.types import Action, Footprint, Intrinsics, Pose2
 from anm_mj.utils import read_file
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import convert, is_below, read_bytes
@@ -38,7 +38,7 @@ class Run:
     depth_shape: tuple[int, int]
     """Rows and columns of the reduced depth images."""
     frames: tuple[FrameRecord, ...]
-    steps: tuple[StepRecord, ...]
+    steps: tuple[StepShape, ...]
     plans: tuple[dict[str, Any], ...]
     """Lines of ``plans.jsonl``, uninterpreted but for the characters of ``reason``."""
     manifest: dict[str, Any]
@@ -57,7 +57,7 @@ class Run:
         than ``camera.json`` says.
         """
         path = self.folder.depth(frame.step)
-        depth_mm = read_depth(path)
+        depth_mm = read_image(path).astype(np.uint16)
         if depth_mm.shape != self.depth_shape:
             raise RunFolderError(
                 f"{path} has {depth_mm.shape} rows and columns, but camera.json says {self.depth_shape}; copy the run "
@@ -117,12 +117,30 @@ def read_json(path: Path) -> dict[str, Any]:
     return value
 
 
-def read_depth(path: Path) -> UInt16[np.ndarray, "rows cols"]:
-    """Read a 16-bit depth image [mm]. Raises RunFolderError if the image is missing or damaged."""
-    image = read_image(path)
-    if image.ndim != 2:
-        raise RunFolderError(f"{path} is no depth image: it has colours; copy the run again.")
-    return image.astype(np.uint16)
+def run_title(folder: RunFolder) -> str:
+    """Scene, policy and seed of a run, or its folder's name. Raises RunFolderError for an unreadable manifest."""
+    facts = read_json(folder.manifest) if folder.manifest.is_file() else {}
+    if "scene" not in facts:
+        return folder.path.name
+    policy = f", {facts['policy']}" if facts.get("policy") else ""
+    seed = f", seed {facts['seed']}" if facts.get("seed") is not None else ""
+    title = f"{Path(str(facts['scene'])).name}{policy}{seed}"
+    # Fonts have no glyph for what commands a terminal, and warn of it.
+    return _printable(title)
+
+
+def titled(folder: RunFolder, metrics: Mapping[str, Any]) -> str:
+    """Two lines: what the run is, and its headline metric and length; what is missing or None is left out. ``metrics``
+    have the keys of ``metrics.json``. Raises RunFolderError if the manifest cannot be read.
+    """
+    parts = []
+    for key, words in (("observable_ratio", "of the observable surface"), ("completion_ratio", "of the surface")):
+        if metrics.get(key) is not None and not parts:
+            parts.append(f"{metrics[key]:.1f} % {words}")
+    for key, form in (("steps", "{} steps"), ("frames", "{} recorded frames"), ("path_m", "{:.1f} m")):
+        if metrics.get(key) is not None:
+            parts.append(form.format(metrics[key]))
+    return "\n".join([run_title(folder), ", ".join(parts)] if parts else [run_title(folder)])
 
 
 def _checked(value: Any, shape: type) -> Any:
@@ -179,7 +197,11 @@ def _plan(line: dict[str, Any]) -> dict[str, Any]:
     convert(line, PlanShape)
     if "reason" not in line:
         return line
-    return {**line, "reason": "".join(c if c.isprintable() else " " for c in line["reason"])}
+    return {**line, "reason": _printable(line["reason"])}
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _frame(line: FrameShape) -> FrameRecord:
@@ -195,21 +217,14 @@ def _frame(line: FrameShape) -> FrameRecord:
     return FrameRecord(line.step, line.time_s, *poses, *judged, **moving, chair=line.chair, covariance_xy_m2=covariance)
 
 
-def _step(line: StepShape) -> StepRecord:
+def _step(line: StepShape) -> StepShape:
+    """The same; raises ValueError for an action that no robot has."""
     if line.action not in Action.__members__:
         raise ValueError(f"there is no action {line.action[:40]!r}")
-    return StepRecord(
-        step=line.step,
-        action=Action[line.action],
-        pose=_pose(line),
-        collided=line.collided,
-        moved_m=line.moved_m,
-        wheel_speeds=WheelSpeeds(line.left_radps, line.right_radps),
-        stage_ms=line.ms,
-    )
+    return line
 
 
-def _pose(line: PoseShape | StepShape) -> Pose2:
+def _pose(line: PoseShape) -> Pose2:
     return Pose2(line.x_m, line.y_m, line.yaw_rad)
 
 
@@ -219,7 +234,7 @@ _FARTHEST_CAMERA_M = 10.0
 """No camera stands so far beside its robot [m]."""
 
 
-def contradictions(frames: Sequence[FrameRecord], steps: Sequence[StepRecord]) -> Iterator[str]:
+def contradictions(frames: Sequence[FrameRecord], steps: Sequence[StepShape]) -> Iterator[str]:
     """One sentence for each kind of contradiction; none for a run that was killed, whose logs end a line apart."""
     if not frames:
         return

@@ -5,10 +5,9 @@ said by the user where several fit. Depth has to be registered to the colour ima
 (``aligned_depth_to_color``).
 """
 
+import functools
 import logging
 import weakref
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,9 @@ from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import readable_parts
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
-from anm_mj.io.bag_motion import BagMotion
-from anm_mj.io.bag_poses import GAP_S
-from anm_mj.io.bag_reader import Stamp
-from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres
-from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index
+from anm_mj.io.bag_reader import BagReader, Stamp
+from anm_mj.io.sequence import Frame, LeftOut, Sequence, SequenceOptions, from_pixel_centres
+from anm_mj.io.sequence_poses import bridged, nearest_index
 from anm_mj.types import Intrinsics
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -38,35 +35,17 @@ _SAME_CAMERA = 0.01
 _logger = logging.getLogger(__name__)
 
 
-def read_recording(
-    path: Path,
-    topics: Mapping[str, str],
-    depth_unit_m: float | None = None,
-    camera: tuple[float, float, float, float] | None = None,
-    *,
-    needs_poses: bool = True,
-    match_s: float = MATCH_S,
-    max_gap_s: float = GAP_S,
-) -> Sequence:
-    """Open a recording. Raises RunFolderError if the package rosbags is missing, the bag cannot be read, or it does not
-    say where the camera was.
-
-    Args:
-        path: The bag.
-        topics: Topics by role (``colour``, ``depth``, ``camera``, ``pose``), where they are not the only ones that fit;
-            the topic of ``pose`` may be ``tf``.
-        depth_unit_m: Metres per unit of 16-bit depth; None = 1 mm, as REP 118 has it.
-        camera: fx, fy, cx, cy of the colour images [px]; None = as the calibration says.
-        needs_poses: Whether frames without a pose are left out, and a bag that has no poses is refused.
-        match_s: Colour and depth belong together up to this difference [s].
-        max_gap_s: Between poses that lie farther apart, nothing is known [s].
+def read_recording(path: Path, options: SequenceOptions) -> Sequence:
+    """Open a recording. Its depth is in millimetres, as REP 118 has it, unless the options say another unit of 16-bit
+    values; the topic of ``pose`` may be ``tf``. Raises RunFolderError if the package rosbags is missing, the bag cannot
+    be read, or it does not say where the camera was.
     """
-    unknown = [role for role in topics if role not in _ROLES]
+    unknown = [role for role in options.topics if role not in _ROLES]
     if unknown:
         raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(_ROLES)}.")
     reader = open_bag(path)
     try:
-        bag = _Bag(path, reader, topics, max_gap_s, depth_unit_m or 0.001, camera, match_s, needs_poses)
+        bag = _Bag(path, reader, options)
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
         return bag.sequence()
@@ -101,17 +80,13 @@ def _unreadable(path: Path, err: Exception) -> RunFolderError:
     return RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).")
 
 
-@dataclass(eq=False)
-class _Bag(BagMotion):
+class _Bag(BagReader):
     """Finds camera, images and poses in an open bag."""
-
-    depth_unit_m: float
-    camera: tuple[float, float, float, float] | None
-    match_s: float
-    needs_poses: bool
 
     def sequence(self) -> Sequence:
         """The frames of the bag; it stays open for their images."""
+        options, match_s = self.options, self.options.match_s
+        unit_m = options.depth_unit_m or 0.001
         colour, depth = self._image_topic("colour"), self._image_topic("depth")
         depths, camera_frame = self.stamps(depth)
         colours, colour_frame = self.stamps(colour)
@@ -124,17 +99,17 @@ class _Bag(BagMotion):
                 colour_frame,
             )
         intrinsics, distortion = self._intrinsics(colour, depth, camera_frame)
-        says_poses = self.needs_poses or self.says_poses(camera_frame)
+        says_poses = options.needs_poses or self.says_poses(camera_frame)
         motion = self.motion(camera_frame) if says_poses else None
         single = {stamp.time_s: stamp for stamp in reversed(depths)}
-        pairs = _pairs(sorted(single.values()), colours, self.match_s)
+        pairs = _pairs(sorted(single.values()), colours, match_s)
         if not pairs and depths and colours:
             raise RunFolderError(
-                f"No colour image of {self.path} is within {self.match_s:g} s of a depth image (--match): {depth} has "
+                f"No colour image of {self.path} is within {match_s:g} s of a depth image (--match): {depth} has "
                 f"stamps {_range([stamp.time_s for stamp in depths])}, {colour} {_range([c.time_s for c in colours])}."
             )
         poses = [None if motion is None else motion.at(depth_stamp.time_s) for depth_stamp, _ in pairs]
-        kept = [k for k, T in enumerate(poses) if T is not None or not self.needs_poses]
+        kept = [k for k, T in enumerate(poses) if T is not None or not options.needs_poses]
         why = "no pose of the camera is known at their time"
         if motion is not None and len(kept) < len(pairs):
             lost = next(k for k, T in enumerate(poses) if T is None)
@@ -142,7 +117,7 @@ class _Bag(BagMotion):
             if link is not None and link.times_s:
                 why += (
                     f" (images have stamps {_range([stamp.time_s for stamp, _ in pairs])}; {link.name} is stated "
-                    f"{_range(list(link.span_s))}, with gaps of more than {self.max_gap_s:g} s, --max-gap)"
+                    f"{_range(list(link.span_s))}, with gaps of more than {options.max_gap_s:g} s, --max-gap)"
                 )
                 if link.span_s[0] > pairs[-1][0].time_s or link.span_s[1] < pairs[0][0].time_s:
                     why += ": their clocks differ; record both by one clock"
@@ -153,31 +128,26 @@ class _Bag(BagMotion):
             LeftOut(
                 alone,
                 len(single),
-                f"no colour is within {self.match_s:g} s of their depth (--match)",
+                f"no colour is within {match_s:g} s of their depth (--match)",
                 bad=max(0, alone - max(0, len(single) - len(colours))),
             ),
             LeftOut(len(pairs) - len(kept), len(pairs), why),
         )
         matrices, missing = bridged([pairs[k][0].time_s for k in kept], [poses[k] for k in kept])
+        read_depth = functools.partial(depth_image, unit_m=unit_m)
         frames = []
         for k, T in zip(kept, matrices, strict=True):
-            depth_stamp, colour_stamp = pairs[k]
-            frames.append(
-                Frame(
-                    depth_stamp.time_s - pairs[0][0].time_s,
-                    self.later(colour, colour_stamp, colour_image),
-                    self.later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
-                    T,
-                )
-            )
+            stamp, colour_stamp = pairs[k]
+            images = self.later(colour, colour_stamp, colour_image), self.later(depth, stamp, read_depth)
+            frames.append(Frame(stamp.time_s - pairs[0][0].time_s, *images, T))
         return Sequence(
             self.path,
             intrinsics,
-            self.depth_unit_m,
+            unit_m,
             tuple(frames),
             resize=True,
             distortion=distortion,
-            has_poses=self.needs_poses or len(missing) < len(kept),
+            has_poses=options.needs_poses or len(missing) < len(kept),
             interpolated=missing,
             left_out=left_out,
         )
@@ -190,9 +160,9 @@ class _Bag(BagMotion):
 
     def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> tuple[Intrinsics, LensDistortion | None]:
         """As the user says; else of the calibration beside the depth, or of the only one that has its frame."""
-        if self.camera is not None:
+        if self.options.camera is not None:
             rows, cols = colour_image(self.first(colour)).shape[:2]
-            return Intrinsics(cols, rows, *self.camera), None
+            return Intrinsics(cols, rows, *self.options.camera), None
         there = self.of_type(_CALIBRATION)
         beside = [
             topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in image_folders(images)
@@ -222,7 +192,7 @@ class _Bag(BagMotion):
                 continue
             # Depth in the frame of the colour is registered to it, and seen by its camera.
             is_registered = (taken.header.frame_id, taken.width) == (also.header.frame_id, also.width)
-            used, unused = (other, topic) if is_registered and "camera" not in self.topics else (topic, other)
+            used, unused = (other, topic) if is_registered and "camera" not in self.options.topics else (topic, other)
             _logger.warning(
                 "%s: two calibrations differ, fx, fy, cx, cy = %s px of %s and %s px of %s: %s is taken%s "
                 "(--topic camera=%s for the other).",

@@ -72,7 +72,7 @@ class RunFolder:
     covered_before = _Member("covered_before.npz")
     """Of a run that goes on from another one: how near each sample of the true surface had been seen before."""
     changes = _Member("changes.json")
-    """Of such a run: surface that is gone or new since then (:mod:`anm_mj.io.changes_file`)."""
+    """Of such a run: surface that is gone or new since then (:func:`anm_mj.io.explored_file.write_changes`)."""
     changed_voxels = _Member("changes.npz")
     """The voxels of these changes."""
     checkpoints = _Member("checkpoint")
@@ -84,14 +84,9 @@ class RunFolder:
 
     @classmethod
     def create(cls, out: Path | None, scene_name: str, policy: str, runs: Path = RUNS) -> RunFolder:
-        """Create the folder of a new run. Raises RunFolderError if the path is a file or a non-empty folder, or cannot
-        be created.
-
-        Args:
-            out: Its path; None = ``<runs>/<scene>_<policy>_<time stamp>``, with a link ``<runs>/latest`` to it.
-            scene_name: Name of the scene.
-            policy: Name of the policy, possibly ``module:Name``.
-            runs: Parent of automatically named folders.
+        """Create the folder of a new run: ``out``, or ``<runs>/<scene>_<policy>_<time stamp>`` with a link
+        ``<runs>/latest`` to it. The policy's name may be ``module:Name``. Raises RunFolderError if the path is a file
+        or a non-empty folder, or cannot be created.
         """
         path = out if out is not None else runs / _stem(scene_name, policy)
         try:

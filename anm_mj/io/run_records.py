@@ -1,11 +1,11 @@
-"""What the lines of a run's logs say: an observation, an action."""
+"""What a line of ``frames.jsonl`` says."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.types import Action, Pose2, WheelSpeeds
+from anm_mj.types import Pose2
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,3 @@ class FrameRecord:
     """Of each leaf of a door: x and y of the hinge [m], yaw [rad], length [m]."""
     covariance_xy_m2: tuple[float, float, float] | None = None
     """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
-
-
-@dataclass(frozen=True)
-class StepRecord:
-    """One executed action of a run."""
-
-    step: int
-    action: Action
-    pose: Pose2
-    """Pose of the robot after the action."""
-    collided: bool
-    moved_m: float
-    wheel_speeds: WheelSpeeds
-    stage_ms: dict[str, float]

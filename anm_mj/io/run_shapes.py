@@ -32,20 +32,16 @@ class LocalisationShape(Struct):
 
 
 class FrameShape(PoseShape):
-    """A line of ``frames.jsonl``."""
+    """A line of ``frames.jsonl``; :class:`~anm_mj.io.run_records.FrameRecord` says what its parts are."""
 
     step: Count
     time_s: Number
     true: PoseShape | None = None
     """Only where it differs from the believed one."""
     people: list[tuple[Length, Length, Number, Number, Number]] = []
-    """Of each person: place, yaw [rad], phase of the gait [rad], swing of the limbs."""
     chair: tuple[Length, Length, Number] | None = None
-    """Place and yaw [rad] of the chair that is pushed."""
     vacuums: list[tuple[Length, Length, Number]] = []
-    """Place and yaw [rad] of each vacuum robot."""
     doors: list[tuple[Length, Length, Number, Length]] = []
-    """Of each leaf of a door: place of its hinge, yaw [rad] and length."""
     localisation: LocalisationShape | None = None
     """Only where the pose was estimated."""
 
@@ -55,6 +51,7 @@ class StepShape(Struct):
 
     step: Count
     action: str
+    """Name of an :class:`~anm_mj.types.Action`."""
     x_m: Length
     y_m: Length
     yaw_rad: Number
@@ -63,6 +60,7 @@ class StepShape(Struct):
     left_radps: Number
     right_radps: Number
     ms: dict[str, Annotated[float, Meta(ge=0.0, le=1e12)]]
+    """Wall time by stage [ms]."""
 
 
 class IntrinsicsShape(Struct):

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
@@ -18,9 +19,10 @@ from jaxtyping import Float, Float32, UInt8
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
-from anm_mj.io.camera_checks import FARTHEST_M
+from anm_mj.io.bag_poses import GAP_S
+from anm_mj.io.camera_checks import FARTHEST_M, check_camera
 from anm_mj.io.image import is_sentinel, read_exr, read_image
-from anm_mj.io.sequence_poses import base_pose
+from anm_mj.io.sequence_poses import MATCH_S, base_pose
 from anm_mj.types import Intrinsics, Observation
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import is_below, read_npy
@@ -36,6 +38,8 @@ _MOST_RANGES = 20
 """So many ranges of frames are named in one message."""
 _MOST_STRETCHED = 0.03
 """Largest logarithm of the ratio between the aspects of an image and of the camera."""
+_SAME_PX = 0.25
+"""Cameras that image every direction within this distance count as one [px]."""
 
 
 @dataclass(frozen=True)
@@ -242,6 +246,71 @@ class Sequence:
         return np.where((depth_m > 1e-6) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
 
 
+@dataclass(frozen=True)
+class SequenceOptions:
+    """What the files of a sequence do not say, or say wrongly; None = as they say, or as the layout has it."""
+
+    layout: str | None = None
+    """A key of :data:`anm_mj.io.layout_table.LAYOUTS`, or ``rosbag``."""
+    camera: tuple[float, float, float, float] | None = None
+    """fx, fy, cx, cy [px]; the principal point measured from the corner of the image."""
+    depth_unit_m: float | None = None
+    """Metres per unit of a depth PNG."""
+    up: str | None = None
+    """Axis of the sequence's world that points up: ``z``, ``-z``, ``y`` or ``-y``; None = as in the layout. Without
+    poses that world is the first camera's: None = -y, a camera that is held level; ``floor`` = as the floor that it
+    shows says."""
+    floor_m: float | None = None
+    """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others, without
+    poses from that of the first frame."""
+    every: int = 1
+    """Only every n-th frame is read."""
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Of a ROS bag, by role; see :mod:`anm_mj.io.rosbag`."""
+    needs_poses: bool = True
+    """Whether frames without a pose are left out; else they are interpolated, or there are none at all."""
+    ignores_poses: bool = False
+    """Whether the poses of the files are not used."""
+    distortion: LensDistortion | Literal["files"] | None = "files"
+    """Of the lens; None = there is none, ``files`` = as they say."""
+    match_s: float = MATCH_S
+    """Colour and depth with times of their own belong together up to this difference [s]."""
+    max_gap_s: float = GAP_S
+    """Poses are interpolated between two that lie no farther apart [s]."""
+    max_bad: float = MAX_BAD
+    """A sequence with a larger share of frames that cannot be used is refused."""
+    judge: Callable[[Sequence, str], tuple[Sequence, str]] | None = None
+    """Looks at the sequence as its files state it, and at the axis that is taken to point up, before the floor is
+    looked for; gives both back, put right."""
+
+
+def with_cameras(frames: list[Frame], cameras: list[Intrinsics]) -> tuple[Intrinsics, tuple[Frame, ...]]:
+    """The median camera, and the frames, each with its own camera where that differs from it. There is one frame at
+    least. Raises ValueError if they are of images of different sizes, or one can be that of no camera.
+    """
+    for camera in cameras:
+        check_camera(camera)
+    sizes = {(camera.width, camera.height) for camera in cameras}
+    if len(sizes) > 1:
+        raise ValueError(f"its frames have cameras of different sizes {sorted(sizes)}; map those of each size alone")
+    numbers = np.array([astuple(camera) for camera in cameras], np.float64)
+    median = np.median(numbers, axis=0)
+    width, height, fx, fy = median[:4]
+    reach = 0.5 * np.array([width / fx, height / fy])
+    off_px = (np.abs(numbers[:, 2:4] - median[2:4]) * reach + np.abs(numbers[:, 4:] - median[4:])).max(axis=1)
+    own = off_px > _SAME_PX
+    if own.any():
+        _logger.info(
+            "%d of %d frames have cameras that differ from the median one by up to %.2g px: each is seen by its own.",
+            np.count_nonzero(own),
+            len(own),
+            off_px.max(),
+        )
+    common = Intrinsics(int(width), int(height), *median[2:].tolist())
+    each = zip(frames, cameras, own.tolist(), strict=True)
+    return common, tuple(replace(frame, camera=camera) if differs else frame for frame, camera, differs in each)
+
+
 def require_below(folder: Path, frames: Iterable[Frame]) -> None:
     """Raises RunFolderError where an image lies outside of a sequence's folder."""
     for frame in frames:
@@ -257,14 +326,9 @@ def require_count(frames: int) -> None:
 
 
 def ranges_text(numbers: list[int]) -> str:
-    """Ascending whole numbers in words: ``3-7, 9``, the first ranges of many."""
-    ranges: list[list[int]] = []
-    for number in numbers:
-        if ranges and number == ranges[-1][1] + 1:
-            ranges[-1][1] = number
-        else:
-            ranges.append([number, number])
-    words = [str(low) if low == high else f"{low}-{high}" for low, high in ranges[:_MOST_RANGES]]
+    """Ascending whole numbers, one at least, in words: ``3-7, 9``, the first ranges of many."""
+    ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    words = [str(one[0]) if len(one) == 1 else f"{one[0]}-{one[-1]}" for one in ranges[:_MOST_RANGES]]
     return ", ".join(words) + (f" and {len(ranges) - _MOST_RANGES} more" if len(ranges) > _MOST_RANGES else "")
 
 

@@ -42,9 +42,10 @@ def find_floor_m(sequence: Sequence) -> float:
     """Height of the floor: the lowest level that holds many of the points below the cameras [m]."""
     # Some bad frames are the affair of whoever reads all.
     some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)], max_bad=1.0)
-    heights = []
-    for observation in some.observations(says_bad=False):
-        heights.append(transform_points(observation.T_world_camera, _some_points(observation))[:, 2])
+    heights = [
+        transform_points(observation.T_world_camera, _some_points(observation))[:, 2]
+        for observation in some.observations(says_bad=False)
+    ]
     if not heights:
         next(sequence.first().observations())
     below = np.median([frame.T_world_camera[2, 3] for frame in some.frames])

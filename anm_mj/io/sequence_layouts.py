@@ -5,18 +5,14 @@ The world of a layout is turned so that z points up, and moved so that the floor
 
 import logging
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import rigid_transform
-from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import files_in, is_recording
-from anm_mj.io.bag_poses import GAP_S
 from anm_mj.io.camera_checks import FARTHEST_M, LATEST_S
 from anm_mj.io.layout_table import LAYOUTS, is_there
 from anm_mj.io.plausible_sequence import (
@@ -28,9 +24,8 @@ from anm_mj.io.plausible_sequence import (
     with_poses_alone,
 )
 from anm_mj.io.rosbag import read_recording
-from anm_mj.io.sequence import MAX_BAD, Sequence, ranges_text
+from anm_mj.io.sequence import Sequence, SequenceOptions, ranges_text
 from anm_mj.io.sequence_floor import find_floor_m, floor_below_first_m, levelled
-from anm_mj.io.sequence_poses import MATCH_S
 
 UP = {
     "z": np.eye(3),
@@ -43,45 +38,8 @@ BY_FLOOR = "floor"
 """In place of such an axis, without poses: up is what the floor in the first image says."""
 BAG = "rosbag"
 """The layout that is no folder of images."""
+
 _logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class SequenceOptions:
-    """What the files of a sequence do not say, or say wrongly; None = as they say, or as the layout has it."""
-
-    layout: str | None = None
-    """A key of ``LAYOUTS``."""
-    camera: tuple[float, float, float, float] | None = None
-    """fx, fy, cx, cy [px]; the principal point measured from the corner of the image."""
-    depth_unit_m: float | None = None
-    """Metres per unit of a depth PNG."""
-    up: str | None = None
-    """Axis of the sequence's world that points up: a key of ``UP``; None = as in the layout. Without poses that world
-    is the first camera's: None = -y, a camera that is held level; ``floor`` = as the
-    floor that it shows says."""
-    floor_m: float | None = None
-    """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others, without
-    poses from that of the first frame."""
-    every: int = 1
-    """Only every n-th frame is read."""
-    topics: Mapping[str, str] = field(default_factory=dict)
-    """Of a ROS bag, by role; see :mod:`anm_mj.io.rosbag`."""
-    needs_poses: bool = True
-    """Whether frames without a pose are left out; else they are interpolated, or there are none at all."""
-    ignores_poses: bool = False
-    """Whether the poses of the files are not used."""
-    distortion: LensDistortion | Literal["files"] | None = "files"
-    """Of the lens; None = there is none, ``files`` = as they say."""
-    match_s: float = MATCH_S
-    """Colour and depth with times of their own belong together up to this difference [s]."""
-    max_gap_s: float = GAP_S
-    """Poses are interpolated between two that lie no farther apart [s]."""
-    max_bad: float = MAX_BAD
-    """A sequence with a larger share of frames that cannot be used is refused."""
-    judge: Callable[[Sequence, str], tuple[Sequence, str]] | None = None
-    """Looks at the sequence as its files state it, and at the axis that is taken to point up, before the floor is
-    looked for; gives both back, put right."""
 
 
 def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
@@ -102,16 +60,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         if not 0.0 < value < LATEST_S:
             raise RunFolderError(f"{name} is {value:g}; give a time above 0 in seconds.")
     if options.layout == BAG or (options.layout is None and (is_recording(path) or _holds_bag_alone(path))):
-        sequence = read_recording(
-            path,
-            options.topics,
-            options.depth_unit_m,
-            options.camera,
-            needs_poses=options.needs_poses,
-            match_s=options.match_s,
-            max_gap_s=options.max_gap_s,
-        )
-        found = BAG
+        sequence, found = read_recording(path, options), BAG
     else:
         sequence, found = _read_folder(path, options)
     sequence = with_poses_alone(replace(sequence, max_bad=options.max_bad))
@@ -165,7 +114,9 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
 
 def _holds_bag_alone(path: Path) -> bool:
     """Whether a folder holds files of a bag, and nothing that tells of another layout."""
-    if not os.path.isdir(path) or any(is_there(path, sign) for each in LAYOUTS.values() for sign in each.signs):
+    if not os.path.isdir(path) or any(
+        is_there(path, sign) for each in LAYOUTS.values() for sign in (each.sign, each.unposed_sign)
+    ):
         return False
     try:
         return bool(files_in(path))

@@ -4,7 +4,7 @@ import math
 from bisect import bisect_left
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation, Slerp
 
 from anm_mj.frames import rigid_transform
@@ -23,13 +23,19 @@ def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
 
 def camera_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
     """A camera pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
-    values = (*T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
-    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
+    return _line(time_s, *T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
 
 
-def time_text(time_s: float) -> str:
-    """A time in the TUM format, to the microsecond also where it is counted from 1970."""
-    return f"{time_s:.9g}" if abs(time_s) < 1e4 else f"{time_s:.6f}"
+def base_line(time_s: float, pose: Pose2) -> str:
+    """A base pose in the TUM format, as :func:`camera_line`."""
+    half = pose.yaw_rad / 2.0
+    return _line(time_s, pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+
+
+def _line(time_s: float, *values: float) -> str:
+    # To the microsecond also where a time is counted from 1970.
+    time = f"{time_s:.9g}" if abs(time_s) < 1e4 else f"{time_s:.6f}"
+    return " ".join((time, *(f"{value:.9g}" for value in values)))
 
 
 def bridged(
@@ -43,20 +49,32 @@ def bridged(
     missing = [k for k, pose in enumerate(poses) if pose is None]
     if not known:
         return [np.eye(4)] * len(poses), tuple(missing)
-    at = np.array([times_s[k] for k in known])
-    stated = np.array([poses[k] for k in known])
-    at, first = np.unique(at, return_index=True)
-    stated = stated[first]
     filled = [np.eye(4) if pose is None else pose for pose in poses]
     if missing:
-        wanted = np.clip([times_s[k] for k in missing], at[0], at[-1])
-        xyz = np.stack([np.interp(wanted, at, stated[:, axis, 3]) for axis in range(3)], axis=1)
-        # One pose alone has no other to turn to.
-        turned = Slerp(at, Rotation.from_matrix(stated[:, :3, :3]))(wanted).as_matrix() if len(at) > 1 else None
-        for place, k in enumerate(missing):
-            rotation = stated[0, :3, :3] if turned is None else turned[place]
-            filled[k] = rigid_transform(rotation.ravel(), xyz[place])
+        times = np.array(times_s)
+        between = at_times(np.array([poses[k] for k in known]), times[known], times[missing])
+        for k, pose in zip(missing, between, strict=True):
+            filled[k] = pose
     return filled, tuple(missing)
+
+
+def at_times(
+    poses: Float64[np.ndarray, "n 4 4"], times_s: Float64[np.ndarray, " n"], wanted_s: Float64[np.ndarray, " m"]
+) -> Float64[np.ndarray, "m 4 4"]:
+    """Poses between those of ascending times; before the first and after the last these two."""
+    times, first = np.unique(times_s, return_index=True)
+    found = np.tile(np.eye(4), (len(wanted_s), 1, 1))
+    if len(times) < 2:
+        found[:] = poses[0]
+        return found
+    wanted = np.clip(wanted_s, times[0], times[-1])
+    # Only poses about the wanted ones are turned into quaternions.
+    low = np.clip(np.searchsorted(times, wanted, "right") - 1, 0, len(times) - 2)
+    used = np.unique(np.concatenate((low, low + 1)))
+    near, at = poses[first[used]], times[used]
+    found[:, :3, :3] = Slerp(at, Rotation.from_matrix(near[:, :3, :3]))(wanted).as_matrix()
+    found[:, :3, 3] = np.stack([np.interp(wanted, at, near[:, axis, 3]) for axis in range(3)], axis=1)
+    return found
 
 
 def tum_matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_poses import Track
-from anm_mj.io.frame_cameras import with_cameras
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count, with_cameras
 from anm_mj.io.sequence_poses import nearest_index
 from anm_mj.io.sequence_text import number_rows, rows, with_slashes
 from anm_mj.types import Intrinsics
@@ -76,15 +75,13 @@ def read_icl(folder: Path, *, max_gap_s: float) -> Sequence:
     listed = [line.split() for line in rows(folder / "associations.txt")]
     require_count(len(listed))
     frames = []
-    for words in listed:
-        number, one, _, other = words
-        depth, colour = (one, other) if "depth" in one else (other, one)
+    for number, one, _, other in listed:
+        names = (other, one) if "depth" in one else (one, other)
+        colour, depth = (folder / with_slashes(name) for name in names)
         time_s = float(number) * FRAME_S
         pose = track.at(time_s)
         if pose is not None:
-            frames.append(
-                Frame(time_s, folder / with_slashes(colour), folder / with_slashes(depth), mirror @ pose @ flip)
-            )
+            frames.append(Frame(time_s, colour, depth, mirror @ pose @ flip))
     left_out = LeftOut(len(listed) - len(frames), len(listed), "no pose is known at their time (--max-gap)")
     camera = from_pixel_centres(*_ICL_SIZE, _ICL_CAMERA)
     return Sequence(folder, camera, 1.0 / 5000.0, tuple(frames), resize=True, left_out=(left_out,))

@@ -34,15 +34,9 @@ _logger = logging.getLogger(__name__)
 
 
 def read_tum(folder: Path, *, needs_poses: bool = True, match_s: float = MATCH_S, max_gap_s: float = GAP_S) -> Sequence:
-    """The depth images that have a colour image near them in time, and a pose. Raises OSError, ValueError, IndexError
-    or RunFolderError if a list or the first image is missing or damaged.
-
-    Args:
-        folder: Of the sequence.
-        needs_poses: Whether frames without a pose are left out, and a folder without groundtruth.txt is refused;
-            else poses are interpolated, or there are none.
-        match_s: Colour and depth belong together up to this difference [s].
-        max_gap_s: Poses are interpolated between two that lie no farther apart [s].
+    """The depth images that have a colour image near them in time, and a pose: the options are those of
+    :class:`~anm_mj.io.sequence.SequenceOptions`. A folder without groundtruth.txt is refused where it ``needs_poses``.
+    Raises OSError, ValueError, IndexError or RunFolderError if a list or the first image is missing or damaged.
     """
     depth, colour = _listed(folder / "depth.txt"), _listed(folder / "rgb.txt")
     truth = folder / "groundtruth.txt"

@@ -46,20 +46,17 @@ class Before(NamedTuple):
 
 
 class RunRecorder:
-    """Records a run and its completion, from the events of its loop.
+    """Records a run and its completion, from the events of its loop. Every method raises RunFolderError if the folder
+    cannot be written; perhaps one that comes later.
 
     Args:
-        folder: A new run folder.
+        folder: A new run folder, or that of a run that was resumed.
         truth: Ground truth, for the metrics only; None where nobody knows it, as of a real robot.
         true_view: Returns true poses and depth, if observations hold only what the robot measures: metrics count what
             the camera truly saw from where it truly was.
         record: What is kept besides the numbers; None = the defaults.
-        resumed: None for a new run; for one that was resumed, the lengths of its logs by name, as :attr:`log_sizes`
-            gave them, and the step after which they were taken. What was written later is removed.
+        resumed: Of a run that was resumed, as :class:`RunLog` has it; the lengths as :attr:`log_sizes` gave them.
         before: What a continued run begins with; None for one that begins with nothing, and for a resumed one.
-
-    Raises:
-        RunFolderError: From every method, if the folder cannot be written; perhaps from one that comes later.
     """
 
     REBUILT = ("background", "folder", "_true_view", "truth", "_curve_file")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import functools
 import importlib
-import math
 import resource
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -20,76 +18,20 @@ from anm_mj.evaluation.lost_surface import surface_lost_percent
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
 from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
-from anm_mj.io.changes_file import write_changes
-from anm_mj.io.explored_file import Explored, write_explored
+from anm_mj.io.explored_file import Explored, write_changes, write_explored
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
-from anm_mj.io.plan_file import PlanRecord, write_plan
-from anm_mj.io.read_run import read_json, read_run
-from anm_mj.io.run_title import titled
+from anm_mj.io.plan_file import write_plan
+from anm_mj.io.read_run import read_json, read_run, titled
+from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
-from anm_mj.recording.run_log import tum_line
-from anm_mj.types import ExploredState, OccupancyGrid, Plan, Pose2, SurfaceChange
+from anm_mj.types import ExploredState, Plan, Pose2, SurfaceChange
 from anm_mj.utils.files import atomic_write, write_text
 from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
-    import trimesh
-
-
-@runtime_checkable
-class Arrays(Protocol):
-    """Something that can be stored as arrays."""
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays by name."""
-        ...
-
-
-@runtime_checkable
-class FinishedMap(Protocol):
-    """The neural map at the end of a run."""
-
-    @property
-    def is_trained(self) -> bool:
-        """Whether it has a surface: whether anything was trained."""
-        ...
-
-    def occupancy_grid(self) -> OccupancyGrid:
-        """Free, occupied and unknown space."""
-        ...
-
-    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
-        """The coloured mesh of the surface, world [m]."""
-        ...
-
-    def save(self, path: Path) -> None:
-        """Write the map to a file."""
-        ...
-
-    def replay(self, limit_bytes: int) -> Arrays:
-        """What is replayed of the frames, thinned to so much memory."""
-        ...
-
-    def changes(self) -> tuple[SurfaceChange, ...] | None:
-        """What is gone or new since the prior run; None for a map that began empty."""
-        ...
-
-
-class ReturnFacts(NamedTuple):
-    """How a robot that was to go back to its start did so."""
-
-    steps: int | None
-    """Steps of the return; None where it did not begin one."""
-    distance_m: float | None
-    """From the last known pose to the first one [m]; None where none was known."""
-
-    @classmethod
-    def of(cls, poses: list[Pose2], num_steps: int, explored_steps: int | None) -> ReturnFacts:
-        """The return of a run, from its poses, its steps, and the steps before it; None = there was none."""
-        steps = None if explored_steps is None else num_steps - explored_steps
-        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m) if poses else None)
+    from anm_mj.mapping.neural_map import NeuralMap
 
 
 def load_mesh_library(recorder: RunRecorder) -> None:
@@ -100,27 +42,27 @@ def load_mesh_library(recorder: RunRecorder) -> None:
 def write_results(
     recorder: RunRecorder,
     ended: Ended,
-    finished: FinishedMap,
+    finished: NeuralMap,
     survey: Plan,
     *,
     wall_s: float,
     release: Callable[[], None] = lambda: None,
     memory: dict[str, np.ndarray] | None = None,
-    back: ReturnFacts | None = None,
+    back: tuple[int | None, float | None] = (None, None),
 ) -> Metrics:
-    """Write mesh, map, pictures and metrics, and close the recorder. Raises RunFolderError if the folder cannot be
-    written.
+    """Write mesh, map, pictures and metrics of a recorded run that has ``ended``, and close the recorder. Raises
+    RunFolderError if the folder cannot be written.
 
     Args:
         recorder: Has recorded the run.
         ended: How the loop ended.
         finished: The neural map.
-        survey: What planning reads out of it at the end: top-down map, graph and regions, for the picture.
-        wall_s: Wall time from the start of the program to the end of the loop [s].
+        survey: What planning reads out of it at the end.
+        wall_s: From the start of the program to the end of the loop [s].
         release: Called as soon as the map is needed no more, so that its memory is free for what follows.
-        memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to do
-            so.
-        back: How the robot went back to its start; None where it was not to.
+        memory: What the policy remembers beside the map, for a run that goes on from this one; None = none does.
+        back: Of a robot that was to go back to its start: the steps of its return, None where it did not begin one, and
+            how far from the start it ended [m].
     """
     recorder.flush()
     folder, curve, statistics = recorder.folder, recorder.curve, recorder.statistics
@@ -130,8 +72,8 @@ def write_results(
         hz=statistics.steps / ended.loop_s if ended.loop_s > 0.0 else None,
         evaluation_s=recorder.evaluation_s,
         peak_rss_mib=peak_rss_mib(),
-        return_steps=back and back.steps,
-        return_distance_m=back and back.distance_m,
+        return_steps=back[0],
+        return_distance_m=back[1],
         **recorder.people.metrics(),
     )
     recorder.close_logs()
@@ -144,15 +86,14 @@ def write_results(
     changes = finished.changes() if recorder.prior is not None else None
     if changes is not None:
         write_changes(folder.changes, folder.changed_voxels, changes)
-    write_plan(folder.survey, PlanRecord.of(survey))
+    write_plan(folder.survey, survey)
     # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
     curve.last()
-    if recorder.truth is not None:
-        lost = surface_lost_percent(finished.occupancy_grid(), recorder.truth.samples[curve.distance_m < COVERED_M])
-        summary = replace(summary, surface_lost_percent=lost)
     uncapped_cm: list[float | None] = [None]
     truth = recorder.truth
     if truth is not None:
+        lost = surface_lost_percent(finished.occupancy_grid(), truth.samples[curve.distance_m < COVERED_M])
+        summary = replace(summary, surface_lost_percent=lost)
         recorder.background.submit(lambda: uncapped_cm.append(without_cap_cm(folder, truth, curve)))
     if finished.is_trained:
         # The mesh takes most; what the survey and the files took is to make room for it.
@@ -170,7 +111,7 @@ def write_results(
         mesh = quality_of_mesh(run, truth, curve)
         trajectory = trajectory_metrics(run, truth, curve)
         if trajectory is not None:
-            lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
+            lines = [base_line(frame.time_s, frame.true_pose) for frame in run.frames]
             write_text(folder.true_trajectory, "\n".join(lines) + "\n")
     metrics = summarise(statistics, curve, uncapped_cm[-1], truth, mesh, summary, trajectory=trajectory)
     # Before the pictures, which may find no room.
@@ -186,14 +127,11 @@ def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange])
     from anm_mj.viz.plots import topdown_figure
 
     folder = recorder.folder
-    assert survey.topdown is not None
     if recorder.truth is not None:
         write_curve(folder, recorder.curve, recorder.statistics)
     with writing(folder.topdown_picture):
         figure = topdown_figure(
-            survey.topdown,
-            survey.graph,
-            survey.regions,
+            survey,
             recorder.log.poses,
             target_xy_m=recorder.log.last_target_xy_m,
             title=titled(folder, pictured(recorder.curve, recorder.statistics)),
@@ -202,7 +140,7 @@ def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange])
         save_figure(figure, folder.topdown_picture)
 
 
-def _write_explored(recorder: RunRecorder, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:
+def _write_explored(recorder: RunRecorder, finished: NeuralMap, memory: dict[str, np.ndarray]) -> None:
     """Write what a run that goes on from this one needs beside the map."""
     folder = recorder.folder
     manifest = read_json(folder.manifest) if folder.manifest.is_file() else {}

@@ -1,8 +1,7 @@
 """The logs of a run, written as it goes."""
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,30 +12,24 @@ from PIL import Image
 
 from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX, reduce_depth
 from anm_mj.io.jsonl import LineWriter
-from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.plan_file import write_plan
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.sequence_poses import time_text
+from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, TrueView
+from anm_mj.utils.files import removed_on_error
 
 SMALL_QUALITY, FULL_QUALITY = 80, 95
 """JPEG quality of small and of full images."""
 
 
 class RunLog:
-    """Writes observations, actions and decisions of a run, or of a recorded sequence.
-
-    Args:
-        folder: A new run folder.
-        record: What is kept besides the numbers.
-        before: None for a new run; for one that goes on, the lengths of its logs by name, and the step after which they
-            were taken. What was written later is removed.
-
-    Raises:
-        RunFolderError: From every method, if the folder cannot be written.
+    """Writes observations, actions and decisions of a run, or of a recorded sequence. ``before`` is None for a new run;
+    for one that goes on, the lengths of its logs by name, and the step after which they were taken: what was written
+    later is removed. Every method raises RunFolderError if the folder cannot be written.
     """
 
     REBUILT = ("_folder", "_record", "_steps", "_plans", "_frames", "_trajectory")
@@ -87,22 +80,17 @@ class RunLog:
         *,
         closes_loop: bool = False,
     ) -> None:
-        """Record an observation; the first one comes before any action.
-
-        Args:
-            observation: What the robot perceived.
-            true: What it was truly made of, where that differs.
-            estimate: What localisation says of the pose; None where there is none.
-            fit: How well the frame fits the map of those before it, by name; None = that was not looked at.
-            depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
-            closes_loop: Whether it moved earlier keyframes.
+        """Record an observation; the first one comes before any action. ``true`` is what it was truly made of, where
+        that differs; ``depth_mm`` the reduced depth, of the truth where the sensor gave a value [mm], None = it is
+        reduced here; ``estimate`` what localisation says of the pose; ``fit`` how well the frame fits the map of those
+        before it, by name; ``closes_loop``: whether it moved earlier keyframes.
         """
         if not self._num_frames:
             _write_camera(self._folder.camera, observation)
         if depth_mm is None:
             depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
         path = self._folder.depth(observation.step)
-        with writing(path), _whole_or_not_at_all(path):
+        with writing(path), removed_on_error(path):
             # The lowest compression: a fifth larger than the highest, at a fraction of its time.
             Image.fromarray(depth_mm).save(path, compress_level=1)
         self._write_image(observation)
@@ -135,7 +123,7 @@ class RunLog:
         self._frames.json(line)
         self._num_frames += 1
         if estimate is None or estimate.state is TrackingState.TRACKING:
-            self._trajectory.line(tum_line(observation.time_s, observation.pose))
+            self._trajectory.line(base_line(observation.time_s, observation.pose))
             self._poses.append(observation.pose)
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
@@ -144,13 +132,10 @@ class RunLog:
             {
                 "step": step,
                 "action": result.action.name,
-                "x_m": pose.x_m,
-                "y_m": pose.y_m,
-                "yaw_rad": pose.yaw_rad,
+                **vars(pose),
                 "collided": result.collided,
                 "moved_m": result.moved_m,
-                "left_radps": result.wheel_speeds.left_radps,
-                "right_radps": result.wheel_speeds.right_radps,
+                **vars(result.wheel_speeds),
                 "loss": update.loss,
                 "iterations": update.num_iterations,
                 "keyframes": update.num_keyframes,
@@ -181,7 +166,7 @@ class RunLog:
             }
         )
         if self._record.plans:
-            write_plan(self._folder.plan(step), PlanRecord.of(plan))
+            write_plan(self._folder.plan(step), plan)
 
     @property
     def files(self) -> tuple[LineWriter, ...]:
@@ -197,22 +182,11 @@ class RunLog:
         if self._record.images == "none":
             return
         path = self._folder.image(observation.step)
-        with writing(path), _whole_or_not_at_all(path):
+        with writing(path), removed_on_error(path):
             if self._record.images == "full":
                 Image.fromarray(observation.rgb).save(path, quality=FULL_QUALITY, subsampling=0)
             else:
                 _small(observation.rgb).save(path, quality=SMALL_QUALITY)
-
-
-@contextmanager
-def _whole_or_not_at_all(path: Path) -> Iterator[None]:
-    """Remove what is there of a file that cannot be written to its end, as on a full disk."""
-    try:
-        yield
-    except BaseException:
-        with suppress(OSError):
-            path.unlink()
-        raise
 
 
 def _remove_after(folder: RunFolder, step: int) -> None:
@@ -224,13 +198,6 @@ def _remove_after(folder: RunFolder, step: int) -> None:
                     path.unlink()
 
 
-def tum_line(time_s: float, pose: Pose2) -> str:
-    """A base pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
-    half = pose.yaw_rad / 2.0
-    values = (pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
-
-
 def _small(rgb: UInt8[np.ndarray, "h w 3"]) -> Image.Image:
     image = Image.fromarray(rgb)
     image.thumbnail((EVALUATION_SIDE_PX, EVALUATION_SIDE_PX), Image.Resampling.BOX)
@@ -239,20 +206,11 @@ def _small(rgb: UInt8[np.ndarray, "h w 3"]) -> Image.Image:
 
 def _where(pose: Pose2, T_world_camera: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
     """Poses of base and camera, in the keys of ``frames.jsonl``."""
-    return {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad, "T_world_camera": T_world_camera}
+    return {**vars(pose), "T_world_camera": T_world_camera}
 
 
 def _write_camera(path: Path, observation: Observation) -> None:
     rows, cols = reduce_depth(observation.depth_m).shape
-    write_json(
-        path,
-        {
-            "intrinsics": observation.intrinsics,
-            "depth": {
-                "rows": rows,
-                "cols": cols,
-                "unit": "millimetre of planar z, 0 where nothing",
-                "pixels": "row i is row floor(i * height / rows) of the original image, columns likewise",
-            },
-        },
-    )
+    pixels = "row i is row floor(i * height / rows) of the original image, columns likewise"
+    depth = {"rows": rows, "cols": cols, "unit": "millimetre of planar z, 0 where nothing", "pixels": pixels}
+    write_json(path, {"intrinsics": observation.intrinsics, "depth": depth})

@@ -14,15 +14,14 @@ from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw
 
 from anm_mj.errors import AnmError
-from anm_mj.io.plan_file import PlanRecord
 from anm_mj.io.write import writing
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, font
 from anm_mj.replay.film_map_and_surface import MARGIN_M, MapPanel, SurfacePanel
 from anm_mj.replay.movers import discs, is_any, leaf_ends, leaves
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
-from anm_mj.replay.timeline import EMPTY_PATH, Timeline
-from anm_mj.types import UNKNOWN
+from anm_mj.replay.timeline import Timeline
+from anm_mj.types import UNKNOWN, Plan
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz import palette
@@ -115,7 +114,7 @@ def film_frames(
     far_m = _far_m(timeline)
     truth = (TRUTH,) if timeline.true_xy_m is not None else ()
     background = _background((*LEGEND, *truth, *((PEOPLE,) if is_any(run.frames[0]) else ())))
-    shown, plan, reason = -1, PlanRecord(EMPTY_PATH), ""
+    shown, plan, reason = -1, Plan(""), ""
     for index, (frame, rgb) in enumerate(zip(run.frames, pictures(run, scene), strict=True)):
         on_progress(index + 1, total)
         if index % every and index != total - 1:

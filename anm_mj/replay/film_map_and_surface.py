@@ -4,11 +4,10 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw
 
-from anm_mj.io.plan_file import PlanRecord
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, font
 from anm_mj.replay.oblique_view import ObliqueView, project
 from anm_mj.replay.surface import GrowingMesh
-from anm_mj.types import TopDownMap
+from anm_mj.types import Plan, TopDownMap
 from anm_mj.viz import palette
 from anm_mj.viz.tint import rgb_of, tint
 
@@ -29,7 +28,7 @@ class MapPanel:
         self._radius_m = radius_m
         self._base = Image.new("RGB", (self._side_px, self._side_px), palette.UNKNOWN)
 
-    def decide(self, plan: PlanRecord) -> None:
+    def decide(self, plan: Plan) -> None:
         """Draw what changes with a decision only: map, graph, regions."""
         if plan.topdown is not None:
             self._base = Image.fromarray(self._map(plan.topdown))

@@ -13,11 +13,11 @@ import matplotlib
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from anm_mj.io.plan_file import PlanRecord
 from anm_mj.replay.movers import discs, is_any, leaves
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
 from anm_mj.replay.timeline import Timeline
+from anm_mj.types import Plan
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz import assets, palette, shapes
@@ -153,7 +153,7 @@ def _plans(timeline: Timeline) -> tuple[list[dict[str, Any]], list[dict[str, Any
     return plans, graphs
 
 
-def _graph(record: PlanRecord) -> dict[str, Any]:
+def _graph(record: Plan) -> dict[str, Any]:
     assert record.graph is not None
     most = max((region.num_members for region in record.regions), default=1)
     return {

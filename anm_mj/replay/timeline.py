@@ -10,12 +10,9 @@ from jaxtyping import Bool, Float, Int
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.curve_file import read_curve
-from anm_mj.io.plan_file import PlanRecord, read_plan
-from anm_mj.io.read_run import Run, read_run
-from anm_mj.io.run_title import run_title
-from anm_mj.types import DEFAULT_FOOTPRINT
-
-EMPTY_PATH = np.zeros((0, 2))
+from anm_mj.io.plan_file import read_plan
+from anm_mj.io.read_run import Run, read_run, run_title
+from anm_mj.types import DEFAULT_FOOTPRINT, Plan
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ class Timeline:
         decided = np.array([plan["step"] for plan in self.run.plans], dtype=np.int64)
         return np.searchsorted(decided, self.steps, side="right") - 1
 
-    def plan(self, index: int) -> PlanRecord:
+    def plan(self, index: int) -> Plan:
         """What a decision was read from; only its target where the run kept no more. Raises RunFolderError if the file
         of the decision is damaged.
         """
@@ -90,7 +87,7 @@ class Timeline:
         if path.is_file():
             return read_plan(path)
         target = line.get("target_xy_m")
-        return PlanRecord(EMPTY_PATH if target is None else np.array([target], dtype=np.float64))
+        return Plan("") if target is None else Plan("", np.array([target], dtype=np.float64))
 
     @cached_property
     def coverage(self) -> tuple[str, Float[np.ndarray, " n"]]:

@@ -59,15 +59,7 @@ def candidates(trial: CorrectionTrial, start: Correction) -> list[Candidate]:
     found.append(_refined(trial, "scale", SCALES, _by_factor(start, "pose_scale")))
     found.append(_refined(trial, "focal", FOCAL_SCALES, _by_factor(start, "focal_scale")))
     if has_clock(trial):
-        found.append(
-            _refined(
-                trial,
-                "time",
-                offsets_s(trial),
-                lambda value: replace(start, time_offset_s=start.time_offset_s + value),
-                factor=False,
-            )
-        )
+        found.append(_refined(trial, "time", offsets_s(trial), _by_offset(start, "time_offset_s"), factor=False))
     return found
 
 
@@ -86,14 +78,8 @@ def offsets_s(trial: CorrectionTrial) -> Float64[np.ndarray, " o"]:
 
 def colour_candidate(trial: CorrectionTrial, start: Correction) -> Candidate:
     """The best offset of colour's time; its costs are those of colour alone."""
-    return _refined(
-        trial,
-        "colour",
-        offsets_s(trial),
-        lambda value: replace(start, colour_offset_s=start.colour_offset_s + value),
-        factor=False,
-        cost=trial.colour_cost,
-    )
+    by_offset = _by_offset(start, "colour_offset_s")
+    return _refined(trial, "colour", offsets_s(trial), by_offset, factor=False, cost=trial.colour_cost)
 
 
 def mean_cost(cost: Float64[np.ndarray, " d"]) -> float:
@@ -103,6 +89,10 @@ def mean_cost(cost: Float64[np.ndarray, " d"]) -> float:
 
 def _by_factor(start: Correction, name: str) -> Callable[[float], Correction]:
     return lambda value: replace(start, **{name: getattr(start, name) * value})
+
+
+def _by_offset(start: Correction, name: str) -> Callable[[float], Correction]:
+    return lambda value: replace(start, **{name: getattr(start, name) + value})
 
 
 def _best(trial: CorrectionTrial, kind: str, corrections: Sequence[Correction]) -> Candidate:

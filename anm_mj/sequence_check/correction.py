@@ -1,13 +1,16 @@
-"""What may be wrong with a recorded sequence, as the options of ``anm-mj map`` that put it right."""
+"""What may be wrong with a recorded sequence, as the options of ``anm-mj map`` that put it right, and how they do."""
 
-from dataclasses import asdict, dataclass, replace
+import itertools
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
-from anm_mj.errors import ConfigError
+from anm_mj.errors import ConfigError, RunFolderError
+from anm_mj.io.sequence import Sequence
+from anm_mj.io.sequence_poses import at_times, nearest_index
 from anm_mj.types import Intrinsics
 
 CONVENTIONS = ("camera-to-world", "world-to-camera", "conjugate", "scalar-first", "scalar-first-inverse")
@@ -85,19 +88,17 @@ class Correction:
 
     def changes(self) -> dict[str, Any]:
         """The fields that change something, by name."""
-        default = asdict(Correction())
-        return {name: value for name, value in asdict(self).items() if value != default[name]}
+        return {name: value for name, value in vars(self).items() if value != getattr(Correction, name)}
 
 
 def combined(before: Correction, found: Correction) -> Correction:
     """One correction for two: what was found in images and times that one before had put right. ``before`` changes no
     convention, no axes and no up.
     """
+    factors = ("pose_scale", "depth_scale", "focal_scale")
     return replace(
         found,
-        pose_scale=before.pose_scale * found.pose_scale,
-        depth_scale=before.depth_scale * found.depth_scale,
-        focal_scale=before.focal_scale * found.focal_scale,
+        **{name: getattr(before, name) * getattr(found, name) for name in factors},
         ray_depth=before.ray_depth != found.ray_depth,
         mirrored=before.mirrored != found.mirrored,
         time_offset_s=before.time_offset_s + found.time_offset_s,
@@ -112,14 +113,9 @@ def axes_matrix(axes: str) -> Float64[np.ndarray, "3 3"]:
 
 def all_axes() -> tuple[str, ...]:
     """The 48 ways to name three axes, those with a name first."""
-    found = [
-        "".join(letters)
-        for one in _DIRECTIONS
-        for two in _DIRECTIONS
-        for three in _DIRECTIONS
-        if abs(np.linalg.det(axes_matrix("".join(letters := (one, two, three))))) > 0.5
-    ]
-    return (*AXES_NAMES, *(axes for axes in found if axes not in AXES_NAMES))
+    triples = ("".join(letters) for letters in itertools.product(_DIRECTIONS, repeat=3))
+    others = (axes for axes in triples if axes not in AXES_NAMES and abs(np.linalg.det(axes_matrix(axes))) > 0.5)
+    return (*AXES_NAMES, *others)
 
 
 def is_left_handed(axes: str) -> bool:
@@ -164,26 +160,64 @@ def with_axes(poses: Float64[np.ndarray, "n 4 4"], axes: str) -> Float64[np.ndar
     return _MIRROR_WORLD @ found if is_left_handed(axes) else found
 
 
-def at_times(
-    poses: Float64[np.ndarray, "n 4 4"], times_s: Float64[np.ndarray, " n"], wanted_s: Float64[np.ndarray, " m"]
-) -> Float64[np.ndarray, "m 4 4"]:
-    """Poses between those of ascending times; before the first and after the last these two."""
-    times, first = np.unique(times_s, return_index=True)
-    found = np.tile(np.eye(4), (len(wanted_s), 1, 1))
-    if len(times) < 2:
-        found[:] = poses[0]
-        return found
-    wanted = np.clip(wanted_s, times[0], times[-1])
-    # Only poses about the wanted ones are turned into quaternions.
-    low = np.clip(np.searchsorted(times, wanted, "right") - 1, 0, len(times) - 2)
-    used = np.unique(np.concatenate((low, low + 1)))
-    near, at = poses[first[used]], times[used]
-    found[:, :3, :3] = Slerp(at, Rotation.from_matrix(near[:, :3, :3]))(wanted).as_matrix()
-    found[:, :3, 3] = np.stack([np.interp(wanted, at, near[:, axis, 3]) for axis in range(3)], axis=1)
-    return found
-
-
 def corrected_camera(camera: Intrinsics, correction: Correction) -> Intrinsics:
     """The camera with its true focal length."""
     scale = correction.focal_scale
     return replace(camera, fx=camera.fx * scale, fy=camera.fy * scale)
+
+
+def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
+    """The sequence with a correction applied; its up axis is the reader's affair. Poses of another time are
+    interpolated between those of the frames; frames before the first pose or after the last one are left out. A colour
+    image is taken from the frame whose time comes nearest. Raises RunFolderError if no frame is left.
+    """
+    if not correction:
+        return sequence
+    frames = sequence.frames
+    times = np.array([frame.time_s for frame in frames])
+    poses = with_axes(
+        converted(np.array([frame.T_world_camera for frame in frames]), correction.convention), correction.axes
+    )
+    kept = np.arange(len(frames))
+    if correction.time_offset_s:
+        wanted = times + correction.time_offset_s
+        kept = np.flatnonzero((wanted >= times.min()) & (wanted <= times.max()))
+        poses = at_times(poses, times, wanted)
+    colours = _colours(times, correction.colour_offset_s)
+    kept = kept[colours[kept] >= 0]
+    if not len(kept):
+        raise RunFolderError(
+            f"No frame of {sequence.path} has colour and pose with time offsets of {correction.time_offset_s:g} s "
+            f"for poses and {correction.colour_offset_s:g} s for colour; give smaller ones."
+        )
+    poses[:, :3, 3] *= correction.pose_scale
+    new = tuple(
+        replace(
+            frames[k],
+            colour=frames[colours[k]].colour,
+            T_world_camera=poses[k],
+            camera=None if (own := frames[k].camera) is None else corrected_camera(own, correction),
+        )
+        for k in kept.tolist()
+    )
+    guessed = set(sequence.interpolated)
+    return replace(
+        sequence,
+        frames=new,
+        intrinsics=corrected_camera(sequence.intrinsics, correction),
+        depth_scale=sequence.depth_scale * correction.depth_scale,
+        ray_depth=sequence.ray_depth != correction.ray_depth,
+        mirrored=sequence.mirrored != correction.mirrored,
+        interpolated=tuple(at for at, k in enumerate(kept.tolist()) if k in guessed),
+    )
+
+
+def _colours(times: np.ndarray, offset_s: float) -> np.ndarray:
+    """Of each frame, the one whose colour image belongs to its depth; -1 where there is none."""
+    if not offset_s:
+        return np.arange(len(times))
+    order = np.argsort(times, kind="stable")
+    taken = (times[order] + offset_s).tolist()
+    half = 0.5 * float(np.median(np.diff(times[order]))) if len(times) > 1 else 0.0
+    nearest = [nearest_index(taken, time, half * 1.01) for time in times.tolist()]
+    return np.array([-1 if at is None else order[at] for at in nearest])

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.sequence_check.correction import Correction, at_times, converted, corrected_camera, inverse, with_axes
+from anm_mj.io.sequence_poses import at_times
+from anm_mj.sequence_check.correction import Correction, converted, corrected_camera, inverse, with_axes
 from anm_mj.sequence_check.evidence import Evidence
 from anm_mj.sequence_check.misfit import RIM_WEIGHT, Misfit, colour_misfit, misfit, rim_misfit
 from anm_mj.sequence_check.surfaces import Images, Surfaces, surfaces

@@ -14,7 +14,7 @@ from anm_mj.sequence_check.correction import Correction
 from anm_mj.sequence_check.correction_trial import CorrectionTrial
 from anm_mj.sequence_check.evidence import Evidence
 from anm_mj.sequence_check.misfit import COLOUR_WEIGHT, Misfit
-from anm_mj.sequence_check.vertical import floor_share, other_up
+from anm_mj.sequence_check.surfaces import Surfaces
 
 UNITS_M = (1.0 / 1000, 1.0 / 5000, 1.0 / 6553.5, 1.0 / 10000, 1.0 / 4000, 1.0 / 256, 1.0 / 100, 1.0)
 """Units of depth images in use: millimetres, TUM, Replica, D405, L515, KITTI, centimetres, metres."""
@@ -39,6 +39,18 @@ _CONTRADICTS = 0.5
 """Where fewer of the points fit, the sequence contradicts itself, whatever the reason."""
 _TOLD = 0.03
 """Pairs that share fewer of their points tell nothing."""
+_AXES = {"z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0), "y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0)}
+_UPRIGHT, _REFUTED = 0.75, 0.35
+"""The upper edge of the images points along the vertical by more than the first cosine in the mean; an axis along which
+it points by less than the second is not the vertical."""
+_TILTED = 0.8
+"""A camera that is held so steadily on its side, or looks so steadily down, tells nothing by itself."""
+_LEVEL = 0.95
+"""Cosine of a normal that points up."""
+_STEEP = 2.0
+"""Or it would rise so many times as far as it travels."""
+_FLOOR_SHARE, _FLOOR_RATIO = 0.05, 2.0
+"""Then so large a share of what it sees has to be floor, and so many times as much as along the stated axis."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +118,7 @@ def find_faults(
         kind, correction = _named(best, depth_unit_m)
         findings.append(Finding(kind, correction, fit_of(misfit).fitting, fit_of(after).fitting))
         misfit = after
-
-    def share(direction: Float64[np.ndarray, "3"]) -> float:
-        return floor_share(trial.shown(correction), trial.view_poses(correction), direction)
-
-    axis = None if up is None else other_up(trial.all_poses(correction), up, share)
+    axis = None if up is None else _other_up(trial, correction, up)
     if axis is not None:
         correction = replace(correction, up=axis)
         fitting = fit_of(misfit).fitting
@@ -177,3 +185,41 @@ def _named(found: Candidate, depth_unit_m: float) -> tuple[str, Correction]:
     if abs(np.log(factor)) > 0.15 and abs(np.log(nearest / unit_m)) < _UNIT_SHARE:
         return "unit", replace(correction, pose_scale=1.0, depth_scale=correction.depth_scale * nearest / depth_unit_m)
     return "scale", correction
+
+
+def _other_up(trial: CorrectionTrial, correction: Correction, up: str) -> str | None:
+    """The axis of the stated world that points up, where the way the camera is held refutes the stated one."""
+    poses = trial.all_poses(correction)
+    right, below, ahead = poses[:, :3, :3].mean(axis=0).T
+    stated = np.array(_AXES[up])
+    upright = {name: float(np.dot(-below, axis)) for name, axis in _AXES.items()}
+    best = max(upright, key=lambda name: upright[name])
+    if best == up or upright[best] < _UPRIGHT or upright[up] > _REFUTED:
+        return None
+    if abs(float(right @ stated)) > _TILTED or float(ahead @ stated) < -_TILTED:
+        if _climbs(poses[:, :3, 3], stated, np.array(_AXES[best])):
+            return best
+        shown, of_views = trial.shown(correction), trial.view_poses(correction)
+        floor, stated_floor = (_floor_share(shown, of_views, axis) for axis in (np.array(_AXES[best]), stated))
+        if floor < max(_FLOOR_SHARE, _FLOOR_RATIO * stated_floor):
+            return None
+    return best
+
+
+def _climbs(xyz: Float64[np.ndarray, "n 3"], stated: Float64[np.ndarray, "3"], best: Float64[np.ndarray, "3"]) -> bool:
+    """Whether a camera would rise or sink by more than it travels; one that is carried does neither."""
+    rises, levels = np.ptp(xyz @ stated), np.ptp(xyz @ best)
+    across = np.ptp(xyz @ np.cross(stated, best))
+    return bool(rises > _STEEP * max(across, levels))
+
+
+def _floor_share(shown: Surfaces, poses: Float64[np.ndarray, "v 4 4"], up: Float64[np.ndarray, "3"]) -> float:
+    """Share of the seen points that face up and lie below the camera."""
+    in_camera = np.einsum("vij,i->vj", poses[:, :3, :3], up).astype(np.float32)
+    known = np.isfinite(shown.points_m[..., 0])
+    row, col = np.moveaxis(shown.images.points, -1, 0)
+    normal = shown.planes(np.arange(len(row))[:, None], row, col).normal
+    with np.errstate(invalid="ignore"):
+        faces = np.einsum("vnj,vj->vn", normal, in_camera) > _LEVEL
+        below = np.einsum("vnj,vj->vn", shown.points_m, in_camera) < 0.0
+    return float((faces & below & known).sum() / max(known.sum(), 1))

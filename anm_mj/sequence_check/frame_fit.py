@@ -54,10 +54,8 @@ class FrameFit:
 
 def frame_fit(observation: Observation, neural_map: NeuralMap) -> FrameFit:
     """Hold a frame against the map, before it enters that."""
-    if observation.step < _FIRST:
-        return FrameFit(0.0, None, None)
     points = grid_points(observation, POINTS)
-    if not len(points):
+    if observation.step < _FIRST or not len(points):
         return FrameFit(0.0, None, None)
     found = agreement(points, observation.T_world_camera, neural_map.occupancy.by_depth)
     if found.known < _KNOWN:

@@ -92,9 +92,8 @@ def misfit(shown: Surfaces, pairs: Int64[np.ndarray, "d 2"], T_b_a: Float64[np.n
     with np.errstate(invalid="ignore"):
         count = told.sum(axis=1)
         fitting = (told & (deviations < FITS)).sum(axis=1) / np.where(count, count, np.nan)
-        return Misfit(
-            masked_mean(total, known), inside.sum(axis=1) / np.maximum(known.sum(axis=1), 1), fitting, medians(relative)
-        )
+        share = inside.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        return Misfit(_mean_of_seen(total, known, known), share, fitting, medians(relative))
 
 
 def colour_misfit(
@@ -162,13 +161,6 @@ def sampled_grey(
     upper = flat[at] * (1.0 - right) + flat[at + 1] * right
     lower = flat[at + width] * (1.0 - right) + flat[at + width + 1] * right
     return upper * (1.0 - down) + lower * down
-
-
-def masked_mean(values: np.ndarray, known: Bool[np.ndarray, "d n"]) -> Float64[np.ndarray, " d"]:
-    """Means of rows over known entries; NaN for a row without."""
-    count = known.sum(axis=1)
-    total = np.where(known, values, 0.0).sum(axis=1, dtype=np.float64)
-    return total / np.where(count, count, np.nan)
 
 
 def _mean_of_seen(

@@ -68,29 +68,15 @@ def reduced_view(index: int, observation: Observation) -> View:
         inner = np.moveaxis(clean, axis, 0)[1:-1]
         limit = np.maximum(_BEND * inner, 10.0 * noise)
         inner[~(np.moveaxis(_bends(inverse, axis), axis, 0) < limit)] = np.nan
-    return View(
-        index,
-        observation.time_s,
-        clean.astype(np.float32),
-        grey.astype(np.float32),
-        _steep(grey),
-        rim,
-        rim_inverse,
-        noise,
-    )
+    clean, shade = clean.astype(np.float32), grey.astype(np.float32)
+    return View(index, observation.time_s, clean, shade, _steep(grey), rim, rim_inverse, noise)
 
 
 def reduced_camera(camera: Intrinsics) -> Intrinsics:
     """The camera of reduced images."""
     block = max(1, round(camera.width / WIDTH_PX))
-    return Intrinsics(
-        camera.width // block,
-        camera.height // block,
-        camera.fx / block,
-        camera.fy / block,
-        camera.cx / block,
-        camera.cy / block,
-    )
+    numbers = (value / block for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+    return Intrinsics(camera.width // block, camera.height // block, *numbers)
 
 
 def _rim(inverse_m: Float32[np.ndarray, "h w"]) -> tuple[Int64[np.ndarray, "e 2"], Float32[np.ndarray, " e"]]:

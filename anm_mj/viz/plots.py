@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform
 
-from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
+from anm_mj.types import UNKNOWN, Plan, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
 from anm_mj.viz.figure_file import ShownFigure, fit_ratio, plain
 from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
@@ -37,18 +37,18 @@ STEP_COLOURS = LinearSegmentedColormap.from_list("steps", matplotlib.colormaps["
 
 
 def topdown_figure(
-    topdown: TopDownMap,
-    graph: VoronoiGraph | None,
-    regions: Sequence[Region],
+    plan: Plan,
     poses: Sequence[Pose2],
     *,
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
     changes: Sequence[SurfaceChange] = (),
 ) -> ShownFigure:
-    """The top-down map with the Voronoi graph, the regions of interest and the trajectory. There is one pose per step;
-    ``changes`` are surface that is gone or new since a prior run.
+    """The top-down map of a plan that has one, with its Voronoi graph, its regions of interest and the trajectory.
+    There is one pose per step; ``changes`` are surface that is gone or new since a prior run.
     """
+    topdown, graph = plan.topdown, plan.graph
+    assert topdown is not None
     (west, south), (east, north) = _known_corners(topdown)
     long_side = max(east - west, north - south)
     size = (max(6.0, 2.6 + 7.4 * (east - west) / long_side), 1.9 + 7.4 * (north - south) / long_side)
@@ -63,7 +63,7 @@ def topdown_figure(
         junctions = graph.vertex_xy_m[graph.degree >= JUNCTION_DEGREE]
         axes.plot(*junctions.T, "o", ms=3.0, color=palette.GRAPH, label="junction", zorder=3)
     _draw_changes(axes, changes)
-    _draw_regions(axes, regions, graph)
+    _draw_regions(axes, plan.regions, graph)
     _draw_trajectory(figure, axes, poses)
     if target_xy_m is not None:
         axes.plot(*target_xy_m, "*", ms=14, color=palette.TARGET, mec="white", mew=0.8, label="last target", zorder=6)

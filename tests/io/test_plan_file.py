@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.plan_file import PlanRecord, read_plan, write_plan
+from anm_mj.io.plan_file import read_plan, write_plan
 from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import OCCUPIED, Plan
 from tests.box_room import new_recorder, observe, record_steps, room_plan
@@ -16,7 +16,7 @@ def test_every_part_of_a_decision_comes_back(tmp_path):
     assert plan.topdown is not None
     topdown = dataclasses.replace(plan.topdown, no_floor=plan.topdown.state == OCCUPIED)
     plan = dataclasses.replace(plan, topdown=topdown)
-    write_plan(tmp_path / "a.npz", PlanRecord.of(plan))
+    write_plan(tmp_path / "a.npz", plan)
     read = read_plan(tmp_path / "a.npz")
     np.testing.assert_allclose(read.path_xy_m, plan.path_xy_m)
     for part in ("topdown", "graph"):
@@ -30,7 +30,7 @@ def test_every_part_of_a_decision_comes_back(tmp_path):
 
 
 def test_a_decision_without_map_and_graph(tmp_path):
-    write_plan(tmp_path / "a.npz", PlanRecord.of(Plan("turn", np.zeros((0, 2)))))
+    write_plan(tmp_path / "a.npz", Plan("turn", np.zeros((0, 2))))
     read = read_plan(tmp_path / "a.npz")
     assert (len(read.path_xy_m), read.topdown, read.graph, read.regions) == (0, None, None, ())
 
@@ -77,7 +77,7 @@ def test_an_unknown_size_of_images_is_one_sentence():
 )
 def test_a_decision_that_contradicts_itself_is_one_sentence(tmp_path, changed, said):
     path = tmp_path / "a.npz"
-    write_plan(path, PlanRecord.of(room_plan()))
+    write_plan(path, room_plan())
     arrays = dict(np.load(path))
     for name, value in changed.items():
         arrays[name] = value if isinstance(value, np.ndarray) else np.full_like(arrays[name], value)

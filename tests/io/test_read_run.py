@@ -6,9 +6,8 @@ import pytest
 from anm_mj.errors import RunFolderError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.mesh_file import read_coloured_mesh
-from anm_mj.io.read_run import read_run
+from anm_mj.io.read_run import read_run, run_title
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_title import run_title
 from tests.box_room import new_recorder, record_steps
 
 HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m\n"

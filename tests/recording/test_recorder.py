@@ -10,8 +10,8 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
+from anm_mj.io.sequence_poses import base_line
 from anm_mj.recording.results import peak_rss_mib, write_results
-from anm_mj.recording.run_log import tum_line
 from anm_mj.types import Action, Plan, Pose2, StopReason
 from tests.box_room import CAMERA, FakeMap, ended, new_recorder, observe, record_steps, room_depth, room_plan
 
@@ -97,11 +97,12 @@ def test_run_reads_back_as_it_was(tmp_path):
     recorder.close()
     run = read_run(tmp_path / "run")
     assert run.intrinsics == CAMERA
-    assert [step.action for step in run.steps[:3]] == [Action.TURN_LEFT, Action.TURN_LEFT, Action.MOVE_FORWARD]
+    assert [step.action for step in run.steps[:3]] == ["TURN_LEFT", "TURN_LEFT", "MOVE_FORWARD"]
     assert [step.collided for step in run.steps] == [False] * 5 + [True]
-    assert run.steps[4].wheel_speeds.right_radps == 1.5
-    assert run.frames[3].pose == run.steps[2].pose
-    assert np.array_equal(run.frames[3].T_world_camera, observe(3, run.steps[2].pose).T_world_camera)
+    assert run.steps[4].right_radps == 1.5
+    pose = Pose2(run.steps[2].x_m, run.steps[2].y_m, run.steps[2].yaw_rad)
+    assert run.frames[3].pose == pose
+    assert np.array_equal(run.frames[3].T_world_camera, observe(3, pose).T_world_camera)
     assert run.plans[0]["path_length_m"] == pytest.approx(1.0 + math.hypot(0.5, 1.0))
     assert run.plans[0]["candidates"] == [{"xy_m": [1.5, 1.0], "score": 2.0, "gain": 30.0, "cost_steps": 24.0}]
 
@@ -151,7 +152,7 @@ def test_mesh_keeps_its_colours(tmp_path):
 
 
 def test_poses_are_written_in_tum_order():
-    assert [float(word) for word in tum_line(1.5, Pose2(2.0, 3.0, math.pi / 2)).split()] == pytest.approx(
+    assert [float(word) for word in base_line(1.5, Pose2(2.0, 3.0, math.pi / 2)).split()] == pytest.approx(
         [1.5, 2.0, 3.0, 0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
     )
 

@@ -9,12 +9,10 @@ import pytest
 from anm_mj.errors import ConfigError
 from anm_mj.frames import pixel_directions
 from anm_mj.io.sequence import Sequence
-from anm_mj.sequence_check.corrected_sequence import corrected_sequence
-from anm_mj.sequence_check.correction import Correction, all_axes, axes_matrix, combined
+from anm_mj.sequence_check.correction import Correction, all_axes, axes_matrix, combined, corrected_sequence
 from anm_mj.sequence_check.evidence import gather
 from anm_mj.sequence_check.find_faults import find_faults
-from anm_mj.sequence_check.report import options
-from anm_mj.sequence_check.warn_and_fix import BeforeMapping
+from anm_mj.sequence_check.warn_and_fix import BeforeMapping, options
 from tests.sequence_check.conftest import CAMERA, frame, pose_at
 
 

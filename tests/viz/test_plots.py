@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,12 +19,10 @@ from tests.box_room import room_plan
 
 def draw(path, **changes):
     plan = room_plan()
-    parts = {"graph": plan.graph, "regions": plan.regions, "poses": [Pose2(0.1 * k, 0.0, 0.5) for k in range(9)]}
-    parts |= changes
-    target, kinds = parts.pop("target_xy_m", plan.target_xy_m), parts.pop("kinds", ("png",))
-    assert plan.topdown is not None
+    poses = changes.pop("poses", [Pose2(0.1 * k, 0.0, 0.5) for k in range(9)])
+    target, kinds = changes.pop("target_xy_m", plan.target_xy_m), changes.pop("kinds", ("png",))
     title = "box, 85.8 % complete, 60 steps"
-    save_figure(topdown_figure(plan.topdown, *parts.values(), target_xy_m=target, title=title), path, kinds)
+    save_figure(topdown_figure(replace(plan, **changes), poses, target_xy_m=target, title=title), path, kinds)
     with Image.open(path) as picture:
         return np.asarray(picture.convert("RGB")).astype(int)
 
