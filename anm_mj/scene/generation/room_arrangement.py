@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anm_mj.scene.generation.room_types import ROOM_TYPES
+from anm_mj.scene.generation.wall import between
 
 _ROUND_M = 0.05
 """Walls stand on multiples of this [m]."""
@@ -129,11 +130,8 @@ def _row(
     rng: np.random.Generator,
 ) -> list[Cell]:
     """Rooms side by side between the cross corridors; on a facade some stand out a little."""
-    ends = [0.0]
-    for x in links_m:
-        ends += [x, _round(x + corridor_m)]
-    ends.append(length_m)
-    stretches = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= _MIN_WIDTH_M]
+    between_links = between(((x, _round(x + corridor_m)) for x in links_m), length_m)
+    stretches = [(a, b) for a, b in between_links if b - a >= _MIN_WIDTH_M]
     counts = _shares([b - a for a, b in stretches], len(rooms))
     cells, taken = [], 0
     for (a, b), count in zip(stretches, counts, strict=True):

@@ -1,5 +1,7 @@
 """Upright walls as seen from inside a room: holes, skirting, door casings and windows."""
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,10 +65,15 @@ class Wall:
         return self.left_m[0] + x * along_m + y * inward_m, self.left_m[1] + y * along_m - x * inward_m, z_m
 
 
+def between(gaps_m: Iterable[tuple[float, float]], length_m: float) -> list[tuple[float, float]]:
+    """The stretches of a length that gaps (start, end), in order, leave [m]."""
+    ends = [0.0, *itertools.chain.from_iterable(gaps_m), length_m]
+    return [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1e-6]
+
+
 def around_holes(length_m: float, holes: list[WallArea], ceiling_m: float) -> list[WallArea]:
     """The rectangles that make up a wall above its skirting, without its holes."""
-    areas = []
-    start = 0.0
+    areas, start = [], 0.0
     for hole in sorted(holes, key=lambda hole: hole.start_m):
         areas.append(WallArea(start, hole.start_m, SKIRTING_HEIGHT_M, ceiling_m))
         areas.append(WallArea(hole.start_m, hole.end_m, hole.z_high_m, ceiling_m))
@@ -91,10 +98,10 @@ def niche(wall: Wall, hole: WallArea, pane: Material, trim: Material) -> Parts:
     start, end, low, high = hole.start_m, hole.end_m, hole.z_low_m, hole.z_high_m
     up = (0.0, 0.0, high - low)
     left, right = wall.point(start, -depth, low), wall.point(end, -depth, low)
-    yield rectangle(left, _difference(right, left), up, pane)
-    inward = _difference(wall.point(0.0, depth, 0.0), wall.point(0.0, 0.0, 0.0))
-    outward = (-inward[0], -inward[1], 0.0)
-    across = _difference(wall.point(end - start, 0.0, 0.0), wall.point(0.0, 0.0, 0.0))
+    yield rectangle(left, np.subtract(right, left), up, pane)
+    foot = wall.point(0.0, 0.0, 0.0)
+    inward, across = (np.subtract(wall.point(*place, 0.0), foot) for place in ((0.0, depth), (end - start, 0.0)))
+    outward = inward * (-1.0, -1.0, 1.0)
     yield rectangle(wall.point(start, 0.0, low), across, outward, trim)
     yield rectangle(wall.point(start, 0.0, high), outward, across, trim)
     yield rectangle(wall.point(start, 0.0, low), outward, up, trim)
@@ -104,7 +111,3 @@ def niche(wall: Wall, hole: WallArea, pane: Material, trim: Material) -> Parts:
     middle = (start + end) / 2
     for x0, x1 in ((middle - bar / 2, middle + bar / 2), (start, start + bar), (end - bar, end)):
         yield behind.block(WallArea(x0, x1, low, high), 0.03, trim, "+y -z +z")
-
-
-def _difference(a: Point, b: Point) -> Point:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
