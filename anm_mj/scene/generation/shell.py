@@ -1,4 +1,4 @@
-"""Floors, ceilings, walls, windows and door frames of rooms of any outline."""
+"""Floors, ceilings, walls, windows, door frames and lamps of rooms of any outline, and what shines in them."""
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
@@ -12,22 +12,25 @@ from shapely.geometry.polygon import orient
 from anm_mj.scene.generation.atlas import Cut
 from anm_mj.scene.generation.building import Building, Passage, RoomWall
 from anm_mj.scene.generation.furnish import FurnishedRoom
-from anm_mj.scene.generation.quads import Material, Quads, join, rectangle
+from anm_mj.scene.generation.furniture.decor import ceiling_lamp
+from anm_mj.scene.generation.quads import Material, Quads, box, join, rectangle
 from anm_mj.scene.generation.room_style import CEILING
-from anm_mj.scene.generation.textures import view_outside
+from anm_mj.scene.generation.textures import glow, rgb, view_outside
+from anm_mj.scene.generation.voxel_light import Light
 from anm_mj.scene.generation.wall import (
     CASING_WIDTH_M,
     SKIRTING_DEPTH_M,
     SKIRTING_HEIGHT_M,
     WallArea,
     around_holes,
+    between,
     casing,
     niche,
 )
 
+_LAMP_SPACING_M = 4.0
 _TILE_M = 3.0
 """Floors that are no rectangle are painted in tiles, so that little is painted in vain [m]."""
-
 
 Patch = tuple[Quads, Cut | None]
 """Quads, or one quad of which only the triangles of a cut are there."""
@@ -120,14 +123,48 @@ def _wall(room_wall: RoomWall, building: Building, material: Material, trim: Mat
     framed = [door for door in doors if door.start_m >= CASING_WIDTH_M and door.end_m <= wall.length_m - CASING_WIDTH_M]
     for door in framed:
         yield from casing(wall, door, trim)
-    ends = [0.0]
-    for hole in sorted([*doors, *wide], key=lambda hole: hole.start_m):
-        margin = CASING_WIDTH_M if hole in framed else 0.0
-        ends += [hole.start_m - margin, hole.end_m + margin]
-    ends.append(wall.length_m)
-    for start, end in zip(ends[::2], ends[1::2], strict=True):
-        if end - start > 1e-6:
-            yield wall.block(WallArea(start, end, 0.0, SKIRTING_HEIGHT_M), SKIRTING_DEPTH_M, trim, "-z +y")
+    gaps = [
+        (hole.start_m - CASING_WIDTH_M * (hole in framed), hole.end_m + CASING_WIDTH_M * (hole in framed))
+        for hole in sorted([*doors, *wide], key=lambda hole: hole.start_m)
+    ]
+    for start, end in between(gaps, wall.length_m):
+        yield wall.block(WallArea(start, end, 0.0, SKIRTING_HEIGHT_M), SKIRTING_DEPTH_M, trim, "-z +y")
     for k, hole in enumerate(room_wall.windows):
         pane = view_outside(seed + k, hole.end_m - hole.start_m, hole.z_high_m - hole.z_low_m)
         yield from niche(wall, hole, pane, trim)
+
+
+def _lamp_places(floor: shapely.Polygon) -> list[tuple[float, float]]:
+    """Where a room's lamps hang: evenly spread, at least one."""
+    x0, y0, x1, y1 = floor.bounds
+    cols, rows = max(1, round((x1 - x0) / _LAMP_SPACING_M)), max(1, round((y1 - y0) / _LAMP_SPACING_M))
+    xs = x0 + (np.arange(cols) + 0.5) * (x1 - x0) / cols
+    ys = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
+    inner = floor.buffer(-0.3)
+    places = [(float(x), float(y)) for y in ys for x in xs if inner.contains(shapely.Point(x, y))]
+    point = floor.representative_point()
+    return places or [(float(point.x), float(point.y))]
+
+
+def lamps(building: Building, furnished: FurnishedRoom) -> list[Quads]:
+    """The lamps themselves: round in homes, long panels in offices."""
+    places = _lamp_places(furnished.room.floor)
+    if building.kind == "apartment":
+        return [ceiling_lamp(building.ceiling_m, rgb("fff4d6")).placed(x, y) for x, y in places]
+    low, high = (-0.6, -0.15, building.ceiling_m - 0.05), (0.6, 0.15, building.ceiling_m)
+    return [box(low, high, glow(rgb("fbfdff")), "+z").placed(x, y) for x, y in places]
+
+
+def lights(building: Building, furnished: FurnishedRoom) -> list[Light]:
+    """Light sources of lamps and windows; lamps are brighter the more floor they light."""
+    places = _lamp_places(furnished.room.floor)
+    share_m2 = min(float(furnished.room.floor.area) / len(places), 20.0)
+    z = building.ceiling_m - 0.14
+    found = [Light((x, y, z), (0.0, 0.0, -1.0), 0.35 + 0.07 * share_m2) for x, y in places]
+    for wall in furnished.walls:
+        for window in wall.windows:
+            width, height = window.end_m - window.start_m, window.z_high_m - window.z_low_m
+            centre = wall.wall.point((window.start_m + window.end_m) / 2, 0.02, (window.z_low_m + window.z_high_m) / 2)
+            x, y = wall.wall.along
+            found.append(Light(centre, (y, -x, 0.0), 0.9 * width * height))
+    return found

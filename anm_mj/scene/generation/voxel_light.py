@@ -100,11 +100,6 @@ class VoxelLighting:
         return tuple(np.clip(cells[:, 2 - axis], 0, shape[axis] - 1) for axis in range(3))
 
 
-def to_linear(srgb: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Light intensity of sRGB values in 0..1 (by the plain power law, near enough for paint)."""
-    return srgb**2.2
-
-
 def to_srgb(linear: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """SRGB values in 0..1 of light intensities; what is brighter than white is eased towards it."""
     soft = np.where(linear < 0.8, linear, 0.8 + 0.2 * np.tanh((linear - 0.8) / 0.2 * 0.8))
