@@ -12,8 +12,7 @@ from shapely.geometry.polygon import orient
 from anm_mj.scene.generation.atlas import Cut
 from anm_mj.scene.generation.building import Building, Passage, RoomWall
 from anm_mj.scene.generation.furnish import FurnishedRoom
-from anm_mj.scene.generation.furniture.decor import ceiling_lamp
-from anm_mj.scene.generation.quads import Material, Quads, box, join, rectangle
+from anm_mj.scene.generation.quads import Material, Quads, box, join, lathe, rectangle
 from anm_mj.scene.generation.room_style import CEILING
 from anm_mj.scene.generation.textures import glow, rgb, view_outside
 from anm_mj.scene.generation.voxel_light import Light
@@ -148,11 +147,13 @@ def _lamp_places(floor: shapely.Polygon) -> list[tuple[float, float]]:
 
 def lamps(building: Building, furnished: FurnishedRoom) -> list[Quads]:
     """The lamps themselves: round in homes, long panels in offices."""
-    places = _lamp_places(furnished.room.floor)
+    top = building.ceiling_m
     if building.kind == "apartment":
-        return [ceiling_lamp(building.ceiling_m, rgb("fff4d6")).placed(x, y) for x, y in places]
-    low, high = (-0.6, -0.15, building.ceiling_m - 0.05), (0.6, 0.15, building.ceiling_m)
-    return [box(low, high, glow(rgb("fbfdff")), "+z").placed(x, y) for x, y in places]
+        drum = [(0.0, top - 0.12), (0.19, top - 0.12), (0.22, top - 0.03), (0.22, top)]
+        lamp = lathe(drum, glow(rgb("fff4d6")), 16)
+    else:
+        lamp = box((-0.6, -0.15, top - 0.05), (0.6, 0.15, top), glow(rgb("fbfdff")), "+z")
+    return [lamp.placed(x, y) for x, y in _lamp_places(furnished.room.floor)]
 
 
 def lights(building: Building, furnished: FurnishedRoom) -> list[Light]:

@@ -1,12 +1,14 @@
 """Furniture catalogue: homes. Each function draws one piece of a room's style, its sizes by chance."""
 
+import math
+
 import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, seating, storage, tables
 from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, furniture, in_corner, on_wall
-from anm_mj.scene.generation.quads import box, lathe
+from anm_mj.scene.generation.quads import box, cushion, cylinder, grid_quads, join, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
-from anm_mj.scene.generation.textures import abstract, landscape, plain, rgb, stripes
+from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb, stripes
 
 
 @furniture
@@ -170,14 +172,20 @@ def plant(s: RoomStyle, rng: np.random.Generator) -> Design:
 @furniture
 def floor_lamp(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield in_corner("floor lamp", 0.2, (0.02, 0.42), 1.6)
-    yield decor.floor_lamp(rgb("ffe9b8")).placed(0.0, -0.22)
+    yield join(
+        lathe([(0.15, 0.0), (0.15, 0.025), (0.02, 0.035)], DARK, 14),
+        cylinder(0.013, 0.03, 1.4, DARK, 8),
+        lathe([(0.0, 1.36), (0.2, 1.36), (0.14, 1.62), (0.0, 1.62)], glow(rgb("ffe9b8")), 16),
+    ).placed(0.0, -0.22)
 
 
 @furniture
 def basket(s: RoomStyle, rng: np.random.Generator) -> Design:
     radius, height = float(rng.uniform(0.13, 0.2)), float(rng.uniform(0.3, 0.5))
     yield in_corner("basket", radius, (0.03, 2 * radius + 0.03), height)
-    yield clutter.basket(radius, height, s.cloth_2).placed(0.0, -radius - 0.03)
+    inner = radius - 0.015
+    profile = [(0.8 * radius, 0.0), (radius, height), (inner, height), (0.78 * inner, 0.03), (0.0, 0.03)]
+    yield lathe(profile, s.cloth_2, 14).placed(0.0, -radius - 0.03)
 
 
 @furniture
@@ -192,14 +200,27 @@ def cartons(s: RoomStyle, rng: np.random.Generator) -> Design:
 @furniture
 def shoes(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield Piece("shoes", "wall", ((-0.13, -0.33, 0.15, -0.02),), 0.0, 0.12)
-    yield clutter.pair_of_shoes(s.colours[2]).placed(0.0, -0.18)
+    leather = plain(s.colours[2])
+    shoe = join(
+        box((-0.045, -0.14, 0.0), (0.045, 0.13, 0.02), plain(rgb("efe9df")), "-z"),
+        cushion((-0.043, -0.135, 0.01), (0.043, 0.125, 0.075), 0.03, leather, "-z"),
+        cushion((-0.038, 0.0, 0.05), (0.038, 0.12, 0.12), 0.02, leather, "-z", segments=1),
+    )
+    yield join(shoe.placed(-0.06), shoe.placed(0.07, 0.03, 9.0)).placed(0.0, -0.18)
 
 
 @furniture
 def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
     seed = int(rng.integers(1000))
     yield Piece("toys", "middle", ((-0.47, -0.45, 0.5, 0.4),), 0.0, 0.2)
-    yield clutter.toy_blocks(seed)
+    block_rng = np.random.default_rng(seed)
+    colours = [plain(rgb(code)) for code in ("d1495b", "edae49", "00798c", "66a182", "8d5fa8")]
+    blocks = [box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.06), colour, "-z") for colour in colours]
+    for k in range(7):
+        x, y = block_rng.uniform(-0.22, 0.22, 2)
+        yield blocks[k % 5].placed(x, y, block_rng.uniform(0, 90))
+    for k in range(3):
+        yield blocks[1].placed(0.3, 0.1, 15.0 * k, 0.06 * k)
     yield clutter.toy_car(s.colours[1]).placed(0.35, -0.3, 30.0)
     yield clutter.ball_on_floor(0.1, s.colours[0]).placed(-0.35, 0.28)
 
@@ -265,5 +286,11 @@ def curtains(s: RoomStyle, rng: np.random.Generator, window_m: float) -> Design:
     reach = window_m / 2 + 0.2
     solids = ((-reach - 0.16, -0.1, -reach + 0.16, 0.0), (reach - 0.16, -0.1, reach + 0.16, 0.0))
     yield Piece("curtains", "window", solids, 0.0, 2.3)
+    low, high, folds = 0.12, 2.3, 9
+    front = np.stack([np.linspace(-0.15, 0.15, folds), -0.06 - 0.025 * np.cos(np.arange(folds) * math.pi)], axis=-1)
+    outline = np.concatenate([front, front[::-1] + np.array([0.0, 0.012]), front[:1]])
+    points = np.stack([np.insert(outline, 2, z, axis=1) for z in (low, high)])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
+    uv = np.stack(np.broadcast_arrays(along[None, :], np.array([[low], [high]])), axis=-1)
     for side in (-1, 1):
-        yield decor.curtain(0.3, 0.12, 2.3, cloth).placed(side * reach)
+        yield grid_quads(points, uv, cloth).placed(side * reach)

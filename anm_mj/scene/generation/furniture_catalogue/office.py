@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
+from anm_mj.scene.generation.furniture import clutter, decor, seating, storage, tables
+from anm_mj.scene.generation.furniture_catalogue.kitchen_and_bath import counter, sink
 from anm_mj.scene.generation.piece import Design, Piece, against_wall, furniture, on_wall
-from anm_mj.scene.generation.quads import Quads, box, join, lathe
+from anm_mj.scene.generation.quads import box, join, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb
 
@@ -70,17 +71,13 @@ def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield against_wall("filing cabinet", width, 0.54, 1.35, 0.6)
     yield tables.chest(width, 0.5, 1.0, 3, _GREY, _GREY)
     if seed % 2:
-        yield _printer().placed(0.0, -0.28, 0.0, 1.0)
+        yield join(
+            box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
+            box((-0.2, -0.3, 0.06), (0.2, -0.2, 0.08), DARK),
+            box((0.08, -0.205, 0.18), (0.2, -0.2, 0.23), glow(rgb("3d6f8e")), "+y"),
+        ).placed(0.0, -0.28, 0.0, 1.0)
     else:
         yield decor.plant(0.4, 9, plain(s.colours[3]), seed).placed(0.1, -0.25, 0.0, 1.0)
-
-
-def _printer() -> Quads:
-    return join(
-        box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
-        box((-0.2, -0.3, 0.06), (0.2, -0.2, 0.08), DARK),
-        box((0.08, -0.205, 0.18), (0.2, -0.2, 0.23), glow(rgb("3d6f8e")), "+y"),
-    )
 
 
 @furniture
@@ -127,8 +124,8 @@ def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
 def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.8, 2.6)), int(rng.integers(1000))
     yield against_wall("laboratory bench", width, 0.66, 1.5, 0.8)
-    yield kitchen.counter(width, _GREY, DARK)
-    yield kitchen.sink().placed(-width / 2 + 0.4, 0.0, 0.0, 0.9)
+    yield counter(width, _GREY, DARK)
+    yield sink().placed(-width / 2 + 0.4, 0.0, 0.0, 0.9)
     yield decor.television(0.5, abstract(seed, 0.47, 0.25)).placed(0.4, -0.25, 10.0, 0.9)
     for k in range(3):
         yield clutter.bottle(s.colours[k]).placed(-0.1 + 0.11 * k, -0.15, 0.0, 0.9)
