@@ -7,7 +7,7 @@ import numpy as np
 
 from anm_mj.scene.generation.building import Building, GivenWindow, PlanRoom, RoomWall
 from anm_mj.scene.generation.furniture_catalogue.home import curtains
-from anm_mj.scene.generation.piece import Placed
+from anm_mj.scene.generation.piece import Placed, drawn
 from anm_mj.scene.generation.placement import RoomSpace
 from anm_mj.scene.generation.room_style import RoomStyle, draw_style
 from anm_mj.scene.generation.room_templates import pieces_for
@@ -70,7 +70,7 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     if room.room_type in _CURTAINED and rng.random() < 0.7:
         for wall in walls:
             for window in wall.windows:
-                put = space.curtain(curtains(style, rng, window.end_m - window.start_m), wall, window)
+                put = space.curtain(drawn(curtains(style, rng, window.end_m - window.start_m)), wall, window)
                 placed += filter(None, [put])
     return FurnishedRoom(room, walls, style, tuple(_traversable(grid, placed)), grid)
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from anm_mj.scene.generation.furniture_catalogue import home, office
 from anm_mj.scene.generation.furniture_catalogue import kitchen_and_bath as wet
-from anm_mj.scene.generation.piece import Piece
+from anm_mj.scene.generation.piece import Design, Piece, drawn
 from anm_mj.scene.generation.room_style import RoomStyle
 
-_Draw = Callable[[RoomStyle, np.random.Generator], Piece]
+_Draw = Callable[[RoomStyle, np.random.Generator], Design]
 
 _SOFA = (partial(home.sofa_group, width_m=2.1), partial(home.sofa_group, width_m=1.6), home.armchair)
 _TABLE_2 = (partial(home.dining, seats=2),)
@@ -31,7 +31,7 @@ def pieces_for(room_type: str, area_m2: float, style: RoomStyle, rng: np.random.
     A type without a template is furnished like a lounge.
     """
     return [
-        tuple(draw(style, rng) for draw in (choice if isinstance(choice, tuple) else (choice,)))
+        tuple(drawn(draw(style, rng)) for draw in (choice if isinstance(choice, tuple) else (choice,)))
         for choice in _template(room_type, area_m2, rng)
     ]
 

@@ -5,13 +5,12 @@ import math
 import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, seating, storage, tables
-from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, furniture, in_corner, on_wall
+from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, in_corner, on_wall
 from anm_mj.scene.generation.quads import box, cushion, cylinder, grid_quads, join, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb, stripes
 
 
-@furniture
 def sofa_group(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
     pillows = (plain(s.colours[3]), plain(s.colours[4]), s.cloth_2)[: max(1, round(width_m / 0.8))]
     seed, books = int(rng.integers(1000)), int(rng.integers(2, 5))
@@ -25,14 +24,12 @@ def sofa_group(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design
     yield decor.rug_on_floor((width_m - 0.1, 1.5), s.colours[0], s.colours[7], s.colours[3]).placed(0.0, -1.5)
 
 
-@furniture
 def armchair(s: RoomStyle, rng: np.random.Generator) -> Design:
     cover = s.cloth_2 if rng.random() < 0.5 else s.cloth
     yield in_corner("armchair", 0.55, (0.05, 1.05), 0.85, front_m=0.4)
     yield seating.sofa(0.95, cover, (s.cloth,), DARK).placed(0.0, -0.55, 12.0)
 
 
-@furniture
 def television(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     yield against_wall("television", width, 0.45, 1.2)
@@ -41,14 +38,12 @@ def television(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield decor.plant(0.35, 9, plain(s.colours[2]), seed).placed(width / 2 - 0.1, -0.2, 0.0, 0.46)
 
 
-@furniture
 def bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed, height = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000)), float(rng.uniform(1.8, 2.1))
     yield against_wall("bookcase", width, 0.28, height)
     yield storage.bookcase(width, height, 5, s.wood, seed)
 
 
-@furniture
 def low_bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed, height = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000)), 1.1
     yield against_wall("bookcase", width, 0.28, height)
@@ -57,7 +52,6 @@ def low_bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.stack_of_books(3, seed).placed(0.15, -0.14, 10.0, height)
 
 
-@furniture
 def drawers(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, rows, seed = float(rng.uniform(0.9, 1.4)), int(rng.integers(2, 4)), int(rng.integers(1000))
     height = 0.28 * rows + 0.1
@@ -68,7 +62,6 @@ def drawers(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.stack_of_books(2, seed).placed(width / 2 - 0.2, -0.2, 15.0, height)
 
 
-@furniture
 def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
     sides, pillows = ((-1, 1), (WHITE, WHITE)) if width_m > 1.3 else ((1,), (WHITE,))
     seed = int(rng.integers(1000))
@@ -86,21 +79,18 @@ def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
         yield decor.rug_on_floor((width_m + 0.8, 1.2), s.colours[1], s.colours[4], s.colours[8]).placed(0.0, -1.7)
 
 
-@furniture
 def couch_bed(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield Piece("bed", "wall", ((-1.07, -0.93, 1.07, -GAP_M),), 0.6, 0.9)
     bed = tables.bed(0.9, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, (plain(s.colours[3]),))
     yield bed.placed(1.05, -0.47, -90.0)
 
 
-@furniture
 def wardrobe(s: RoomStyle, rng: np.random.Generator) -> Design:
     width = float(rng.choice([1.0, 1.5, 2.0]))
     yield against_wall("wardrobe", width, 0.62, 2.1, 0.7)
     yield storage.wardrobe(width, 2.1, 0.58, s.wood_dark, s.wood, METAL)
 
 
-@furniture
 def desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     turn = float(rng.uniform(120.0, 240.0))
@@ -113,7 +103,6 @@ def desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield seating.office_chair(DARK, s.cloth).placed(-0.1, -0.85, turn)
 
 
-@furniture
 def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
     width = 0.9 if seats == 2 else 1.3 if seats == 4 else 1.9
     depth, seed = 0.85, int(rng.integers(1000))
@@ -136,7 +125,6 @@ def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
     yield clutter.cup(s.colours[2]).placed(0.3, -0.2, 0.0, 0.75)
 
 
-@furniture
 def cubbies(s: RoomStyle, rng: np.random.Generator) -> Design:
     seed = int(rng.integers(1000))
     yield against_wall("cubbies", 1.46, 0.34, 0.74)
@@ -161,7 +149,6 @@ def cubbies(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.toy_car(s.colours[0]).placed(-0.2, -0.16, 70.0, 0.74)
 
 
-@furniture
 def plant(s: RoomStyle, rng: np.random.Generator) -> Design:
     height, seed, leaves = float(rng.uniform(0.9, 1.5)), int(rng.integers(1000)), int(rng.integers(11, 18))
     reach = 0.1 + 0.3 * height
@@ -169,7 +156,6 @@ def plant(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield decor.plant(height, leaves, plain(s.colours[4]), seed).placed(0.0, -reach)
 
 
-@furniture
 def floor_lamp(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield in_corner("floor lamp", 0.2, (0.02, 0.42), 1.6)
     yield join(
@@ -179,7 +165,6 @@ def floor_lamp(s: RoomStyle, rng: np.random.Generator) -> Design:
     ).placed(0.0, -0.22)
 
 
-@furniture
 def basket(s: RoomStyle, rng: np.random.Generator) -> Design:
     radius, height = float(rng.uniform(0.13, 0.2)), float(rng.uniform(0.3, 0.5))
     yield in_corner("basket", radius, (0.03, 2 * radius + 0.03), height)
@@ -188,7 +173,6 @@ def basket(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield lathe(profile, s.cloth_2, 14).placed(0.0, -radius - 0.03)
 
 
-@furniture
 def cartons(s: RoomStyle, rng: np.random.Generator) -> Design:
     w, d, turn = float(rng.uniform(0.36, 0.5)), float(rng.uniform(0.3, 0.4)), float(rng.uniform(-15.0, 15.0))
     half = 0.56 * max(w, d)
@@ -197,7 +181,6 @@ def cartons(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.carton(0.75 * w, 0.75 * d, 0.22).placed(0.02, -half, -turn, 0.32)
 
 
-@furniture
 def shoes(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield Piece("shoes", "wall", ((-0.13, -0.33, 0.15, -0.02),), 0.0, 0.12)
     leather = plain(s.colours[2])
@@ -209,7 +192,6 @@ def shoes(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield join(shoe.placed(-0.06), shoe.placed(0.07, 0.03, 9.0)).placed(0.0, -0.18)
 
 
-@furniture
 def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
     seed = int(rng.integers(1000))
     yield Piece("toys", "middle", ((-0.47, -0.45, 0.5, 0.4),), 0.0, 0.2)
@@ -225,26 +207,22 @@ def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.ball_on_floor(0.1, s.colours[0]).placed(-0.35, 0.28)
 
 
-@furniture
 def beanbag(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield in_corner("beanbag", 0.43, (0.02, 0.88), 0.6)
     half = [(0.0, 0.0), (0.3, 0.0), (0.41, 0.1), (0.42, 0.2), (0.34, 0.36), (0.18, 0.5), (0.06, 0.58), (0.0, 0.59)]
     yield lathe(half, s.cloth_2, 16).placed(0.0, -0.45)
 
 
-@furniture
 def chair(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield Piece("chair", "wall", ((-0.22, -0.45, 0.22, -0.02),), 0.3, 0.9)
     yield seating.chair(s.wood, s.paint).placed(0.0, -0.24)
 
 
-@furniture
 def stool(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield in_corner("stool", 0.2, (0.02, 0.42), 0.46)
     yield seating.stool(s.wood, s.cloth).placed(0.0, -0.22)
 
 
-@furniture
 def hall_table(s: RoomStyle, rng: np.random.Generator) -> Design:
     seed = int(rng.integers(1000))
     yield against_wall("hall table", 0.9, 0.31, 0.75, 0.75)
@@ -253,7 +231,6 @@ def hall_table(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.stack_of_books(2, seed).placed(0.22, -0.15, 5.0, 0.75)
 
 
-@furniture
 def coat_rack(s: RoomStyle, rng: np.random.Generator) -> Design:
     coats = (s.cloth, s.cloth_2, plain(s.colours[7]), plain(s.colours[9]))[: int(rng.integers(2, 5))]
     width = 0.36 * len(coats)
@@ -266,13 +243,11 @@ def coat_rack(s: RoomStyle, rng: np.random.Generator) -> Design:
         yield box((middle - 0.2, -0.02 - 0.11, 1.35), (middle + 0.2, -0.02, 1.5), coat, "+y -z +z")
 
 
-@furniture
 def rug(s: RoomStyle, rng: np.random.Generator, width_m: float, depth_m: float) -> Design:
     yield Piece("rug", "rug", ((-width_m / 2, -depth_m / 2, width_m / 2, depth_m / 2),), 0.0, 0.01)
     yield decor.rug_on_floor((width_m, depth_m), s.colours[1], s.colours[6], s.colours[3])
 
 
-@furniture
 def picture(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, height, seed = float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 0.65)), int(rng.integers(1000))
     image = landscape(seed, width, height) if rng.random() < 0.5 else abstract(seed, width, height)
@@ -280,7 +255,6 @@ def picture(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield decor.picture(width, height, 1.4, image, s.wood_dark)
 
 
-@furniture
 def curtains(s: RoomStyle, rng: np.random.Generator, window_m: float) -> Design:
     cloth = stripes(s.colours[3], s.colours[5], 0.07) if rng.random() < 0.5 else s.cloth_2
     reach = window_m / 2 + 0.2

@@ -3,7 +3,7 @@
 import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter
-from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, furniture, on_wall
+from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, on_wall
 from anm_mj.scene.generation.quads import Material, Parts, Quads, box, cushion, cylinder, join, joined, lathe, strut
 from anm_mj.scene.generation.room_style import RoomStyle
 from anm_mj.scene.generation.textures import glow, plain, rgb, stone, tiles
@@ -71,7 +71,6 @@ def _fridge(body: Material) -> Quads:
     )
 
 
-@furniture
 def kitchen_counter(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
     total, x = width_m + 0.65, -0.325
     solids = ((-total / 2, -0.65, total / 2 - 0.62, 0.0), (total / 2 - 0.64, -0.71, total / 2, 0.0))
@@ -87,7 +86,6 @@ def kitchen_counter(s: RoomStyle, rng: np.random.Generator, width_m: float) -> D
     yield clutter.bowl_of_fruit(plain(s.colours[0])).placed(x, -0.3, 0.0, 0.9)
 
 
-@furniture
 def worktop(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
     yield Piece("worktop", "wall", ((-width_m / 2, -0.65, width_m / 2, 0.0),), 0.7, 0.9, GAP_M)
     yield counter(width_m, s.paint, stone(rgb("e4ded2"), rgb("8f8578")), oven_at_m=-width_m / 4)
@@ -96,7 +94,6 @@ def worktop(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
     yield clutter.cup(s.colours[3]).placed(0.0, -0.3, 0.0, 0.9)
 
 
-@furniture
 def bathtub(s: RoomStyle, rng: np.random.Generator) -> Design:
     apron = tiles(s.colours[0], s.colours[0], 0.1, rgb("e9f2f4"))
     width = float(rng.uniform(1.5, 1.75))
@@ -122,7 +119,6 @@ def bathtub(s: RoomStyle, rng: np.random.Generator) -> Design:
         yield box((x - 0.01, -0.72, 0.0), (x + 0.01, 0.0, 0.53), apron, "-z")
 
 
-@furniture
 def toilet(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield against_wall("toilet", 0.46, 0.66, 0.82, 0.5)
     bowl = [(0.11, 0.0), (0.12, 0.1), (0.17, 0.3), (0.2, 0.38), (0.21, 0.41), (0.2, 0.43), (0.0, 0.44)]
@@ -132,7 +128,6 @@ def toilet(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield box((-0.03, -0.12, 0.82), (0.03, -0.07, 0.83), STEEL, "-z")
 
 
-@furniture
 def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield against_wall("basin", 0.74, 0.48, 1.9, 0.6)
     yield box((-0.35, -0.43, 0.1), (0.35, 0.0, 0.78), s.paint, "+y")
@@ -150,7 +145,6 @@ def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.cup(rgb("f4f1de")).placed(0.24, -0.12, 0.0, 0.82)
 
 
-@furniture
 def washing_machine(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield against_wall("washing machine", 0.6, 0.6, 0.85, 0.6)
     yield cushion((-0.3, -0.57, 0.0), (0.3, 0.0, 0.85), 0.015, PORCELAIN, "-z +y", segments=1)
@@ -160,7 +154,6 @@ def washing_machine(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield box((0.05, -0.58, 0.74), (0.22, -0.57, 0.79), glow(rgb("3d6f8e")), "+y")
 
 
-@furniture
 def towels(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield on_wall("towels", 0.37, 0.09, 1.3)
     x, width = 0.35, 0.7
@@ -173,7 +166,6 @@ def towels(s: RoomStyle, rng: np.random.Generator) -> Design:
         yield cushion(low, high, 0.02, towel, segments=1)
 
 
-@furniture
 def bottle_shelf(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield on_wall("shelf", 0.3, 0.2, 1.6)
     yield box((-0.6 / 2, -0.2, 1.25), (0.6 / 2, 0.0, 1.25 + 0.03), PORCELAIN, "+y")

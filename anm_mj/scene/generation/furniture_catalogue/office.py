@@ -4,7 +4,7 @@ import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, seating, storage, tables
 from anm_mj.scene.generation.furniture_catalogue.kitchen_and_bath import counter, sink
-from anm_mj.scene.generation.piece import Design, Piece, against_wall, furniture, on_wall
+from anm_mj.scene.generation.piece import Design, Piece, against_wall, on_wall
 from anm_mj.scene.generation.quads import box, join, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb
@@ -12,7 +12,6 @@ from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, r
 _GREY = plain(rgb("c9ccd1"), 0.03)
 
 
-@furniture
 def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Design:
     width, depth = 1.5, 0.7
     total = per_side * width
@@ -37,7 +36,6 @@ def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Design
         yield place.placed(0.0, -0.02).placed(x, 0.0, 0.0 if side < 0 else 180.0)
 
 
-@furniture
 def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
     per_side = seats // 2
     width, depth = 0.8 * per_side, 1.1
@@ -57,7 +55,6 @@ def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
     yield clutter.stack_of_books(2, seats).placed(0.1, 0.1, 30.0, 0.74)
 
 
-@furniture
 def whiteboard(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.2, 2.0)), int(rng.integers(1000))
     yield on_wall("whiteboard", width / 2 + 0.05, 0.05, 1.95)
@@ -65,7 +62,6 @@ def whiteboard(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield decor.picture(0.4, 0.3, 1.45, abstract(seed, 0.4, 0.3), WHITE).placed(0.3, -0.012)
 
 
-@furniture
 def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.choice([0.8, 1.2])), int(rng.integers(1000))
     yield against_wall("filing cabinet", width, 0.54, 1.35, 0.6)
@@ -80,7 +76,6 @@ def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
         yield decor.plant(0.4, 9, plain(s.colours[3]), seed).placed(0.1, -0.25, 0.0, 1.0)
 
 
-@furniture
 def copier(s: RoomStyle, rng: np.random.Generator) -> Design:
     shell = plain(rgb("dcdee1"), 0.02)
     yield against_wall("copier", 1.26, 0.68, 1.02, 0.7)
@@ -92,20 +87,17 @@ def copier(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield box((-0.1, -0.67, 0.9), (0.2, -0.66, 0.98), glow(rgb("4d86a8")), "+y")
 
 
-@furniture
 def racks(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.0, 1.6)), int(rng.integers(1000))
     yield against_wall("shelves", width, 0.4, 2.0, 0.6)
     yield storage.bookcase(width, 2.0, 5, METAL, seed, 0.4)
 
 
-@furniture
 def lockers(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield against_wall("lockers", 1.2, 0.5, 1.9, 0.6)
     yield storage.wardrobe(1.2, 1.9, 0.45, METAL, s.paint, DARK)
 
 
-@furniture
 def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.8, 2.4)), int(rng.integers(1000))
     x = width / 2
@@ -120,7 +112,6 @@ def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield seating.office_chair(DARK, s.cloth_2).placed(0.2, 0.75, 160.0)
 
 
-@furniture
 def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.8, 2.6)), int(rng.integers(1000))
     yield against_wall("laboratory bench", width, 0.66, 1.5, 0.8)
@@ -132,7 +123,6 @@ def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield box((width / 2 - 0.5, -0.45, 0.9), (width / 2 - 0.1, -0.1, 1.2), s.paint, "-z")
 
 
-@furniture
 def laboratory_island(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.5, 2.0)), int(rng.integers(1000))
     stools = [(x, y) for x in (-0.35 * width, 0.35 * width) for y in (-0.68, 0.68)]
@@ -147,7 +137,6 @@ def laboratory_island(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield clutter.stack_of_books(2, seed).placed(-0.55, -0.15, 0.0, 0.92)
 
 
-@furniture
 def water_dispenser(s: RoomStyle, rng: np.random.Generator) -> Design:
     bottle = [(0.05, 0.0), (0.13, 0.05), (0.13, 0.3), (0.1, 0.34), (0.0, 0.34)]
     yield against_wall("water dispenser", 0.36, 0.36, 1.35, 0.5)
