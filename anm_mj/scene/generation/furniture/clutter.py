@@ -89,11 +89,3 @@ def carton(width_m: float, depth_m: float, height_m: float) -> Quads:
         box((-x, -y, 0.0), (x, y, height_m), board, "-z"),
         box((-0.025, -y - 0.001, 0.6 * height_m), (0.025, y + 0.001, height_m + 0.001), tape, "-z"),
     )
-
-
-def ball_on_floor(radius_m: float, colour: Colour) -> Quads:
-    """A ball with a white belt."""
-    latitudes = np.linspace(-math.pi / 2, math.pi / 2, 11)
-    profile = [(radius_m * math.cos(a), radius_m * (1.0 + math.sin(a))) for a in latitudes]
-    skin, belt = plain(colour), plain(rgb("f4f1de"))
-    return join(lathe(profile[:5], skin, 16), lathe(profile[4:7], belt, 16), lathe(profile[6:], skin, 16))

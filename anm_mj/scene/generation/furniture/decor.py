@@ -4,17 +4,7 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.generation.quads import (
-    Material,
-    Parts,
-    Quads,
-    box,
-    cushion,
-    grid_quads,
-    join,
-    joined,
-    lathe,
-)
+from anm_mj.scene.generation.quads import Material, Parts, Quads, box, cushion, grid_quads, join, joined, lathe
 from anm_mj.scene.generation.textures import Colour, glow, plain, rgb, rug, spots
 
 _DARK = plain(rgb("2b2d31"))

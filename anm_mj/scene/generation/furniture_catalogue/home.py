@@ -204,7 +204,11 @@ def toys(s: RoomStyle, rng: np.random.Generator) -> Design:
     for k in range(3):
         yield blocks[1].placed(0.3, 0.1, 15.0 * k, 0.06 * k)
     yield clutter.toy_car(s.colours[1]).placed(0.35, -0.3, 30.0)
-    yield clutter.ball_on_floor(0.1, s.colours[0]).placed(-0.35, 0.28)
+    latitudes = np.linspace(-math.pi / 2, math.pi / 2, 11)
+    profile = [(0.1 * math.cos(a), 0.1 * (1.0 + math.sin(a))) for a in latitudes]
+    skin, belt = plain(s.colours[0]), plain(rgb("f4f1de"))
+    for part, look in ((profile[:5], skin), (profile[4:7], belt), (profile[6:], skin)):
+        yield lathe(part, look, 16).placed(-0.35, 0.28)
 
 
 def beanbag(s: RoomStyle, rng: np.random.Generator) -> Design:
