@@ -170,19 +170,18 @@ def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STA
 def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int, col: int) -> Pose2:
     """The pose at a cell that faces the longest run of free cells, of 24 directions."""
     reach = np.arange(1, max(free.shape) + 1)
-    best_yaw_deg, best_run = 0, -1
-    for yaw_deg in range(0, 360, 15):
+
+    def run(yaw_deg: int) -> int:
         rows = np.round(row + reach * math.sin(math.radians(yaw_deg))).astype(int)
         cols = np.round(col + reach * math.cos(math.radians(yaw_deg))).astype(int)
         inside = (rows >= 0) & (rows < free.shape[0]) & (cols >= 0) & (cols < free.shape[1])
         open_cells = np.zeros(len(reach), dtype=bool)
         open_cells[inside] = free[rows[inside], cols[inside]]
-        run = int(np.argmin(open_cells)) if not open_cells.all() else len(reach)
-        if run > best_run:
-            best_yaw_deg, best_run = yaw_deg, run
+        return int(np.argmin(open_cells)) if not open_cells.all() else len(reach)
+
     x, y = area.grid.centres_m(row, col)
-    yaw_deg = best_yaw_deg - 360 if best_yaw_deg > 180 else best_yaw_deg
-    return Pose2(round(float(x), 3), round(float(y), 3), math.radians(yaw_deg))
+    yaw_deg = max(range(0, 360, 15), key=run)
+    return Pose2(round(float(x), 3), round(float(y), 3), math.radians(yaw_deg - 360 if yaw_deg > 180 else yaw_deg))
 
 
 @functools.lru_cache(maxsize=4)

@@ -28,7 +28,7 @@ class PlanRoom:
     name: str
     """Unlike any other in the building."""
     room_type: str
-    """What it is for, a key of ``ROOM_TYPES``: "bedroom", "office", "corridor" ..."""
+    """What it is for, a key of ``ROOM_AREAS_M2``: "bedroom", "office", "corridor" ..."""
     floor: shapely.Polygon
     """World x, y [m]; may have holes."""
 

@@ -161,9 +161,8 @@ def _lighting(building: Building, furnished: list[FurnishedRoom]) -> VoxelLighti
     """The light of all lamps and windows among all furniture."""
     x0, y0, x1, y1 = shapely.total_bounds([room.room.floor for room in furnished])
     origin = np.array([x0 - 0.3, y0 - 0.3, -0.16])
-    cols, rows, layers = np.ceil((np.array([x1 + 0.3, y1 + 0.3, building.ceiling_m + 0.16]) - origin) / VOXEL_M).astype(
-        int
-    )
+    end = np.array([x1 + 0.3, y1 + 0.3, building.ceiling_m + 0.16])
+    cols, rows, layers = np.ceil((end - origin) / VOXEL_M).astype(int)
     xs, ys = (start + (np.arange(num) + 0.5) * VOXEL_M for start, num in ((origin[0], cols), (origin[1], rows)))
     zs = origin[2] + (np.arange(layers) + 0.5) * VOXEL_M
     open_voxels = np.zeros((layers, rows, cols), dtype=bool)

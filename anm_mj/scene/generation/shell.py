@@ -113,9 +113,8 @@ def _wall(room_wall: RoomWall, building: Building, material: Material, trim: Mat
     wide = [WallArea(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]
     for area in _around_holes(wall.length_m, [*doors, *wide, *room_wall.windows], ceiling_m):
         yield wall.upright(area, material)
-    framed = [
-        door for door in doors if door.start_m >= _CASING_WIDTH_M and door.end_m <= wall.length_m - _CASING_WIDTH_M
-    ]
+    last_m = wall.length_m - _CASING_WIDTH_M
+    framed = [door for door in doors if door.start_m >= _CASING_WIDTH_M and door.end_m <= last_m]
     for door in framed:
         yield from _casing(wall, door, trim)
     gaps = [

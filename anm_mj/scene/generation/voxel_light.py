@@ -22,6 +22,7 @@ _REACH_M = 6.0
 _STEPS = 14
 """Places looked at between a surface and a light."""
 _START_M = 0.13
+_Numbers = Float64[np.ndarray, " n"]
 _Vectors = Float64[np.ndarray, "n 3"]
 _Voxels = Float32[np.ndarray, "layers rows cols"]
 
@@ -60,7 +61,7 @@ class VoxelLighting:
         ]
         self._lights = lights
 
-    def falling_on(self, points_m: _Vectors, normals: _Vectors) -> Float64[np.ndarray, " n"]:
+    def falling_on(self, points_m: _Vectors, normals: _Vectors) -> _Numbers:
         """White light on points [m] of surfaces; 1 shows a surface in its own colour."""
         total = np.full(len(points_m), _AMBIENT)
         for (distance_m, _, weight), level in zip(_CONE, self._levels, strict=True):
@@ -69,9 +70,7 @@ class VoxelLighting:
             self._add_direct(total, points_m, normals, light)
         return total
 
-    def _add_direct(
-        self, total: Float64[np.ndarray, " n"], points_m: _Vectors, normals: _Vectors, light: Light
-    ) -> None:
+    def _add_direct(self, total: _Numbers, points_m: _Vectors, normals: _Vectors, light: Light) -> None:
         ray = np.array(light.centre_m) - points_m
         near = np.flatnonzero((ray**2).sum(axis=1) < _REACH_M**2)
         ray = ray[near]
@@ -91,7 +90,7 @@ class VoxelLighting:
         # The half metre squared keeps surfaces right beside a lamp from burning out.
         total[near] += seen * light.power * weight / (distance**2 + 0.25)
 
-    def _look_up(self, level: _Voxels, points_m: _Vectors) -> Float64[np.ndarray, " n"]:
+    def _look_up(self, level: _Voxels, points_m: _Vectors) -> _Numbers:
         return level[self._indices(points_m, level.shape)].astype(np.float64)
 
     def _indices(self, points_m: _Vectors, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture import clutter, decor, seating, storage, tables
+from anm_mj.scene.generation.furniture import clutter, decor, standing
 from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, in_corner, on_wall
 from anm_mj.scene.generation.quads import box, cushion, cylinder, grid_quads, join, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
@@ -16,8 +16,8 @@ def sofa_group(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design
     seed, books = int(rng.integers(1000)), int(rng.integers(2, 5))
     solids = ((-width_m / 2, -0.93, width_m / 2, -0.015), (-0.28 * width_m, -1.75, 0.28 * width_m, -1.25))
     yield Piece("sofa", "wall", solids, 0.5, 0.85)
-    yield seating.sofa(width_m, s.cloth, pillows, DARK).placed(0.0, -0.47)
-    yield tables.table(0.55 * width_m, 0.5, 0.42, s.wood, shelf=True).placed(0.0, -1.5)
+    yield standing.sofa(width_m, s.cloth, pillows, DARK).placed(0.0, -0.47)
+    yield standing.table(0.55 * width_m, 0.5, 0.42, s.wood, shelf=True).placed(0.0, -1.5)
     yield clutter.stack_of_books(books, seed).placed(-0.15 * width_m, -1.5, 25.0, 0.42)
     yield clutter.cup(s.colours[5]).placed(0.12 * width_m, -1.4, 0.0, 0.42)
     yield clutter.vase(s.colours[6], seed).placed(0.02, -1.6, 0.0, 0.42)
@@ -27,13 +27,13 @@ def sofa_group(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design
 def armchair(s: RoomStyle, rng: np.random.Generator) -> Design:
     cover = s.cloth_2 if rng.random() < 0.5 else s.cloth
     yield in_corner("armchair", 0.55, (0.05, 1.05), 0.85, front_m=0.4)
-    yield seating.sofa(0.95, cover, (s.cloth,), DARK).placed(0.0, -0.55, 12.0)
+    yield standing.sofa(0.95, cover, (s.cloth,), DARK).placed(0.0, -0.55, 12.0)
 
 
 def television(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     yield against_wall("television", width, 0.45, 1.2)
-    yield tables.chest(width, 0.42, 0.46, 1, s.wood_dark, WHITE)
+    yield standing.chest(width, 0.42, 0.46, 1, s.wood_dark, WHITE)
     yield decor.television(1.1, abstract(seed, 1.07, 0.6)).placed(0.0, -0.2, 0.0, 0.46)
     yield decor.plant(0.35, 9, plain(s.colours[2]), seed).placed(width / 2 - 0.1, -0.2, 0.0, 0.46)
 
@@ -41,13 +41,13 @@ def television(s: RoomStyle, rng: np.random.Generator) -> Design:
 def bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed, height = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000)), float(rng.uniform(1.8, 2.1))
     yield against_wall("bookcase", width, 0.28, height)
-    yield storage.bookcase(width, height, 5, s.wood, seed)
+    yield standing.bookcase(width, height, 5, s.wood, seed)
 
 
 def low_bookcase(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed, height = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000)), 1.1
     yield against_wall("bookcase", width, 0.28, height)
-    yield storage.bookcase(width, height, 3, s.wood, seed)
+    yield standing.bookcase(width, height, 3, s.wood, seed)
     yield clutter.vase(s.colours[4], seed).placed(-0.2, -0.14, 0.0, height)
     yield clutter.stack_of_books(3, seed).placed(0.15, -0.14, 10.0, height)
 
@@ -56,7 +56,7 @@ def drawers(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, rows, seed = float(rng.uniform(0.9, 1.4)), int(rng.integers(2, 4)), int(rng.integers(1000))
     height = 0.28 * rows + 0.1
     yield against_wall("drawers", width, 0.44, height)
-    yield tables.chest(width, 0.42, height, rows, s.wood, s.paint if seed % 2 else WHITE)
+    yield standing.chest(width, 0.42, height, rows, s.wood, s.paint if seed % 2 else WHITE)
     yield decor.table_lamp(rgb("ffe9b8"), plain(s.colours[5])).placed(-width / 2 + 0.18, -0.2, 0.0, height)
     yield clutter.bowl_of_fruit(plain(s.colours[3])).placed(0.1, -0.2, 0.0, height)
     yield clutter.stack_of_books(2, seed).placed(width / 2 - 0.2, -0.2, 15.0, height)
@@ -68,10 +68,10 @@ def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
     solids = [(-width_m / 2 - 0.02, -2.12, width_m / 2 + 0.02, -GAP_M)]
     solids += [(side * (width_m / 2 + 0.3) - 0.22, -0.4, side * (width_m / 2 + 0.3) + 0.22, -GAP_M) for side in sides]
     yield Piece("bed", "wall", tuple(solids), 0.5, 0.9)
-    yield tables.bed(width_m, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, pillows).placed(0.0, -GAP_M)
+    yield standing.bed(width_m, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, pillows).placed(0.0, -GAP_M)
     for side in sides:
         x = side * (width_m / 2 + 0.3)
-        yield tables.chest(0.44, 0.38, 0.5, 2, s.wood, s.wood).placed(x, -GAP_M)
+        yield standing.chest(0.44, 0.38, 0.5, 2, s.wood, s.wood).placed(x, -GAP_M)
         yield decor.table_lamp(rgb("ffe0c2"), plain(s.colours[6])).placed(x, -0.2, 0.0, 0.5)
     yield clutter.stack_of_books(2, seed).placed(sides[-1] * (width_m / 2 + 0.2), -0.27, 60.0, 0.5)
     if len(sides) == 2:
@@ -81,26 +81,26 @@ def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
 
 def couch_bed(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield Piece("bed", "wall", ((-1.07, -0.93, 1.07, -GAP_M),), 0.6, 0.9)
-    bed = tables.bed(0.9, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, (plain(s.colours[3]),))
+    bed = standing.bed(0.9, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, (plain(s.colours[3]),))
     yield bed.placed(1.05, -0.47, -90.0)
 
 
 def wardrobe(s: RoomStyle, rng: np.random.Generator) -> Design:
     width = float(rng.choice([1.0, 1.5, 2.0]))
     yield against_wall("wardrobe", width, 0.62, 2.1, 0.7)
-    yield storage.wardrobe(width, 2.1, 0.58, s.wood_dark, s.wood, METAL)
+    yield standing.wardrobe(width, 2.1, 0.58, s.wood_dark, s.wood, METAL)
 
 
 def desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     turn = float(rng.uniform(120.0, 240.0))
     yield Piece("desk", "wall", ((-width / 2, -0.7, width / 2, -GAP_M), (-0.42, -1.17, 0.22, -0.53)), 0.45, 0.8)
-    yield tables.desk(width, 0.68, s.wood, WHITE).placed(0.0, -GAP_M)
+    yield standing.desk(width, 0.68, s.wood, WHITE).placed(0.0, -GAP_M)
     yield decor.monitor(landscape(seed, 0.57, 0.31)).placed(-0.1, -0.02, 0.0, 0.74)
     yield decor.table_lamp(rgb("fff3c4"), DARK).placed(width / 2 - 0.15, -0.2, 0.0, 0.74)
     yield clutter.cup(s.colours[4]).placed(-width / 2 + 0.15, -0.45, 0.0, 0.74)
     yield clutter.stack_of_books(3, seed).placed(-width / 2 + 0.22, -0.2, 8.0, 0.74)
-    yield seating.office_chair(DARK, s.cloth).placed(-0.1, -0.85, turn)
+    yield standing.office_chair(DARK, s.cloth).placed(-0.1, -0.85, turn)
 
 
 def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
@@ -116,10 +116,10 @@ def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
         y = side * (depth / 2 + 0.1 + out)
         solids.append((x - 0.25, y - 0.25, x + 0.25, y + 0.25))
     yield Piece("dining table", "middle", tuple(solids), 0.5, 0.9)
-    yield tables.table(width, depth, 0.75, s.wood, leg_m=0.05)
+    yield standing.table(width, depth, 0.75, s.wood, leg_m=0.05)
     for (x, side), out, turn, colour in zip(places, pulled, turned, colours, strict=True):
         yaw = (0.0 if side > 0 else 180.0) + turn
-        yield seating.chair(s.wood_dark, plain(colour)).placed(x, side * (depth / 2 + 0.1 + out), yaw)
+        yield standing.chair(s.wood_dark, plain(colour)).placed(x, side * (depth / 2 + 0.1 + out), yaw)
     yield clutter.vase(s.colours[3], seed).placed(0.0, 0.0, 0.0, 0.75)
     yield clutter.cup(s.colours[1]).placed(-0.3, 0.15, 0.0, 0.75)
     yield clutter.cup(s.colours[2]).placed(0.3, -0.2, 0.0, 0.75)
@@ -219,18 +219,18 @@ def beanbag(s: RoomStyle, rng: np.random.Generator) -> Design:
 
 def chair(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield Piece("chair", "wall", ((-0.22, -0.45, 0.22, -0.02),), 0.3, 0.9)
-    yield seating.chair(s.wood, s.paint).placed(0.0, -0.24)
+    yield standing.chair(s.wood, s.paint).placed(0.0, -0.24)
 
 
 def stool(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield in_corner("stool", 0.2, (0.02, 0.42), 0.46)
-    yield seating.stool(s.wood, s.cloth).placed(0.0, -0.22)
+    yield standing.stool(s.wood, s.cloth).placed(0.0, -0.22)
 
 
 def hall_table(s: RoomStyle, rng: np.random.Generator) -> Design:
     seed = int(rng.integers(1000))
     yield against_wall("hall table", 0.9, 0.31, 0.75, 0.75)
-    yield tables.chest(0.9, 0.28, 0.75, 2, s.wood_dark, s.wood)
+    yield standing.chest(0.9, 0.28, 0.75, 2, s.wood_dark, s.wood)
     yield decor.table_lamp(rgb("ffe9b8"), plain(s.colours[3])).placed(-0.25, -0.14, 0.0, 0.75)
     yield clutter.stack_of_books(2, seed).placed(0.22, -0.15, 5.0, 0.75)
 
