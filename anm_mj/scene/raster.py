@@ -101,7 +101,7 @@ def _cells(coordinates: Float64[np.ndarray, " n"]) -> _Cells:
 
 def _row_runs(
     x: Float64[np.ndarray, "n k"], y: Float64[np.ndarray, "n k"], first_row: _Cells, last_row: _Cells
-) -> tuple[_Cells, _Cells, _Cells]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row, first and last column of every run of cells that polygons of more than one row cover."""
     counts = last_row - first_row + 1
     which = np.repeat(np.arange(len(counts)), counts)
