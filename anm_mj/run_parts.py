@@ -31,7 +31,7 @@ from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy, Robot
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.scene.starts import sample_start
+from anm_mj.scene.navigable import sample_start
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import Footprint, TrueView
 from anm_mj.utils.memory import use_one_heap

@@ -29,8 +29,7 @@ from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.run import run
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
-from anm_mj.scene.navigable import is_clear
-from anm_mj.scene.starts import sample_start
+from anm_mj.scene.navigable import is_clear, sample_start
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import FREE, Action, Observation, Pose2
 

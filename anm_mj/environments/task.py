@@ -19,8 +19,7 @@ from anm_mj.frames import relative_pose, wrap_angle
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced, reduce_depth
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene
-from anm_mj.scene.navigable import require_clear
-from anm_mj.scene.starts import sample_start
+from anm_mj.scene.navigable import require_clear, sample_start
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Pose2
 
 

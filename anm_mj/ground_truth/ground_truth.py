@@ -66,12 +66,10 @@ class GroundTruth:
 
     def save(self, path: Path) -> None:
         """Write all of it to an ``.npz`` file."""
-        observable = {} if self.observable is None else {"observable": self.observable}
+        arrays = {name: array for name, array in vars(self).items() if array is not None}
         # By way of an open file, because numpy would give another name to a path without its own suffix.
         with path.open("wb") as file:
-            np.savez_compressed(
-                file, allow_pickle=False, samples=self.samples, vertices=self.vertices, faces=self.faces, **observable
-            )
+            np.savez_compressed(file, allow_pickle=False, **arrays)
 
     @classmethod
     def load(cls, path: Path) -> GroundTruth:

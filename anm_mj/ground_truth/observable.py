@@ -168,7 +168,11 @@ class _Search:
         yaw = (towards + self._rng.choice(aside, len(which))) % NUM_HEADINGS
         hits = self._hits(which, places_m, yaw)
         if self._tree is not None:
-            self._mark_all_near(hits, cell)
+            # Also the unseen sample nearest to each hit, whatever sample the ray was for.
+            valid = np.flatnonzero(np.isfinite(hits[:, 0]))
+            distance_m, found = self._tree.query(hits[valid], distance_upper_bound=COVERED_M)
+            near = np.flatnonzero(distance_m < COVERED_M)
+            self.seen_from[self._in_tree[np.asarray(found)[near]]] = cell[valid[near]]
         miss_m = np.linalg.norm(hits - self._samples[which], axis=1)
         self.seen_from[which[miss_m < COVERED_M]] = cell[miss_m < COVERED_M]
         again = np.flatnonzero((miss_m >= COVERED_M) & (miss_m < NEAR_MISS_M))
@@ -189,11 +193,3 @@ class _Search:
         length = np.float32(COVERED_M) * self._rng.random(len(which), np.float32)
         aside *= (length / np.maximum(np.linalg.norm(aside, axis=1), np.float32(1e-6)))[:, None]
         return self._rays.hits(self._samples[which] + aside, places_m, yaw)
-
-    def _mark_all_near(self, hits: Float32[np.ndarray, "n 3"], cell: Int32[np.ndarray, " n"]) -> None:
-        """Mark the unseen sample nearest to each hit, whatever sample the ray was for."""
-        assert self._tree is not None
-        valid = np.flatnonzero(np.isfinite(hits[:, 0]))
-        distance_m, found = self._tree.query(hits[valid], distance_upper_bound=COVERED_M)
-        near = np.flatnonzero(distance_m < COVERED_M)
-        self.seen_from[self._in_tree[np.asarray(found)[near]]] = cell[valid[near]]

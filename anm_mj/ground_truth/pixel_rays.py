@@ -14,6 +14,9 @@ from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, kept_pixels
 from anm_mj.types import TURN_STEP_RAD, Intrinsics, Pose2
 from anm_mj.utils.raycast import RayCaster
 
+_Points = Float32[np.ndarray, "n 3"]
+_Yaws = Int[np.ndarray, " n"]
+
 
 @dataclass(frozen=True)
 class CameraExtrinsics:
@@ -44,11 +47,8 @@ class PixelRays:
         self._camera = camera.intrinsics
         self._range_m = camera.range_m
         self._rows, self._cols = kept_pixels(camera.intrinsics.height), kept_pixels(camera.intrinsics.width)
-        at_origin = [
-            pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ camera.T_base_camera
-            for k in range(NUM_HEADINGS)
-        ]
-        T_world_camera = np.stack(at_origin).astype(np.float32)
+        turns = [Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD) for k in range(NUM_HEADINGS)]
+        T_world_camera = np.stack([pose_matrix(pose) @ camera.T_base_camera for pose in turns]).astype(np.float32)
         self._rotation = np.ascontiguousarray(T_world_camera[:, :3, :3])
         self._offset_m = np.ascontiguousarray(T_world_camera[:, :3, 3])
         self._ahead_rad = math.atan2(float(self._rotation[0, 1, 2]), float(self._rotation[0, 0, 2]))
@@ -68,10 +68,7 @@ class PixelRays:
         return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_HEADINGS)
 
     def in_image(
-        self,
-        targets_m: Float32[np.ndarray, "n 3"],
-        place_m: Float32[np.ndarray, "2"] | Float32[np.ndarray, "n 2"],
-        yaw: Int[np.ndarray, " n"],
+        self, targets_m: _Points, place_m: Float32[np.ndarray, "2"] | Float32[np.ndarray, "n 2"], yaw: _Yaws
     ) -> Bool[np.ndarray, " n"]:
         """Whether targets [m] lie within the image at a place (one, or one each) and a yaw (one each)."""
         origin = self._offset_m[yaw]
@@ -82,9 +79,7 @@ class PixelRays:
         inside = (column >= 0.0) & (column < camera.width * z) & (row >= 0.0) & (row < camera.height * z)
         return inside & (z > 0.0)
 
-    def hits(
-        self, targets_m: Float32[np.ndarray, "n 3"], places_m: Float32[np.ndarray, "n 2"], yaw: Int[np.ndarray, " n"]
-    ) -> Float32[np.ndarray, "n 3"]:
+    def hits(self, targets_m: _Points, places_m: Float32[np.ndarray, "n 2"], yaw: _Yaws) -> _Points:
         """Depth point of the pixel nearest to each target, in the frame at a place and a yaw [m]; infinite without one.
 
         Targets and places of the base are in the world; targets behind the camera have no depth point.

@@ -6,16 +6,18 @@ files are named, a FIFO as well.
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import re
+import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 
-from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.utils.file_limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
 from anm_mj.utils.files import home_folder
 from anm_mj.utils.picture import open_picture
@@ -23,6 +25,8 @@ from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
 if TYPE_CHECKING:
     import mujoco
+
+_logger = logging.getLogger(__name__)
 
 MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for default in (40_000, 5_000))
 """Most elements of the MJCF file of a world, and of a robot, with all that it includes; copies count eight times."""
@@ -82,6 +86,20 @@ def read_spec(
     return spec
 
 
+@contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo's warnings from the terminal, and from MUJOCO_LOG.TXT in the current folder."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda text: _logger.debug("MuJoCo: %s", text))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """The model of a spec, without MuJoCo's warnings. Raises ValueError if MuJoCo cannot compile it."""
     with quiet_mujoco():
@@ -93,11 +111,9 @@ def top_folder(folder: Path, levels_up: int) -> Path:
 
     Beyond the first, it is never the user's home or above.
     """
-    home = home_folder()
-    top = folder
+    home, top = home_folder(), folder
     for level, above in enumerate(folder.parents[:levels_up]):
-        is_shared = above == Path(above.anchor) or (level > 0 and (above == home or above in home.parents))
-        if is_shared:
+        if above == Path(above.anchor) or (level > 0 and above in (home, *home.parents)):
             break
         top = above
     return top

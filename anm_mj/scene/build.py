@@ -15,6 +15,9 @@ from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.utils.read_file import read_bytes
 
+_LIKE_M = 0.1
+"""Robots that are lower than the boxes' slice by less than this meet the boxes of the scene's file [m]."""
+
 
 def build_spec(scene: Scene) -> mujoco.MjSpec:
     """The uncompiled scene; large ones in chunks. Raises SceneError if scene.xml or a mesh cannot be read."""
@@ -73,12 +76,13 @@ def build_model(
     file. ``add`` puts more into the scene, and ``added`` names all that it depends on. Raises SceneError if the scene
     cannot be read or compiled, and RobotError if the scene compiles alone, but not with the robot.
     """
-    other_boxes = top_m is not None and needs_other_boxes(top_m)
+    # Robots a little lower than the slice that the file's boxes cover meet the same.
+    own_top_m = None if top_m is None or SLICE_Z_MAX_M - _LIKE_M <= top_m <= SLICE_Z_MAX_M else top_m
 
     def build() -> mujoco.MjModel:
         spec = build_spec(scene)
-        if top_m is not None and other_boxes:
-            replace_boxes(spec, scene, top_m)
+        if own_top_m is not None:
+            _replace_boxes(spec, scene, own_top_m)
         if add is not None:
             add(spec)
         if robot is None:
@@ -99,20 +103,11 @@ def build_model(
         malloc_trim()
         return model
 
-    made_of = f"{robot_hash}:{top_m:.3f}" if other_boxes else robot_hash
+    made_of = robot_hash if own_top_m is None else f"{robot_hash}:{own_top_m:.3f}"
     return cached_model(scene, made_of + added, prefix, build)
 
 
-_LIKE_M = 0.1
-"""Robots that are lower than the boxes' slice by less than this meet the boxes of the scene's file [m]."""
-
-
-def needs_other_boxes(top_m: float) -> bool:
-    """Whether a robot of a height [m] meets other things than the boxes in a scene's file."""
-    return not SLICE_Z_MAX_M - _LIKE_M <= top_m <= SLICE_Z_MAX_M
-
-
-def replace_boxes(spec: mujoco.MjSpec, scene: Scene, top_m: float) -> None:
+def _replace_boxes(spec: mujoco.MjSpec, scene: Scene, top_m: float) -> None:
     """Replace the collision boxes of a scene's spec by those that cover its obstacles up to a height [m].
 
     Scenes with movable objects keep theirs: the stored triangles do not say which of them move.

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -126,7 +125,7 @@ def disable_backface_culling(scene: Scene) -> bool:
     """Set ``cull_face = false`` in scene.toml, so that both sides are drawn; False if it is set already. Raises
     SceneError if the file cannot be written.
     """
-    path: Path = scene.folder / TOML
+    path = scene.folder / TOML
     try:
         text = read_text(path)
         changed = re.sub(r"(?m)^cull_face\s*=\s*true\s*$", "cull_face = false", text)

@@ -48,7 +48,11 @@ def collision_boxes(
     grid = grid_over(polygons, RESOLUTION_M)
     if grid.rows * grid.cols > _MAX_CELLS:
         return _tiled_boxes(polygons)
-    occupied = fill_pockets(rasterise(polygons, grid), POCKET_RADIUS_M / RESOLUTION_M)
+    return _boxes_on(grid, polygons)
+
+
+def _boxes_on(grid: Grid, polygons_m: Float64[np.ndarray, "p 5 2"]) -> Float64[np.ndarray, "n 4"]:
+    occupied = fill_pockets(rasterise(polygons_m, grid), POCKET_RADIUS_M / RESOLUTION_M)
     return merge_cells(occupied, grid)
 
 
@@ -67,12 +71,7 @@ def _tiled_boxes(polygons_m: Float64[np.ndarray, "p 5 2"]) -> Float64[np.ndarray
             own = in_row[(first[0, in_row, 0] <= col) & (first[1, in_row, 0] >= col)]
             if len(own):
                 origin = (np.array([col, row]) * side - 0.5) * RESOLUTION_M
-                grid = Grid(origin, RESOLUTION_M, side, side)
-                occupied = rasterise(polygons_m[own], grid)
-                if not occupied.any():
-                    continue
-                occupied = fill_pockets(occupied, POCKET_RADIUS_M / RESOLUTION_M)
-                boxes.append(merge_cells(occupied, grid))
+                boxes.append(_boxes_on(Grid(origin, RESOLUTION_M, side, side), polygons_m[own]))
     return np.concatenate(boxes)
 
 

@@ -107,15 +107,14 @@ def load_scene(name_or_path: str | Path) -> Scene:
     # A folder that merely shares its name with a scene, as /home does, does not hide the scene.
     if isinstance(name_or_path, str) and path.name == name_or_path and not os.path.isfile(path / TOML):
         known = _known_scenes()
-        if name_or_path not in known and os.path.isdir(path):
-            return read_scene_folder(path)
-        if name_or_path not in known:
+        if name_or_path in known:
+            path = known[name_or_path]
+        elif not os.path.isdir(path):
             names = ", ".join(sorted(known)) or "none yet"
             raise SceneError(
                 f"There is no scene {name_or_path!r}{close_name(name_or_path, known)}; the catalogue holds {names}. "
                 "Give one of these, the path of a scene folder, or import a mesh file first."
             )
-        path = known[name_or_path]
     return read_scene_folder(path)
 
 
@@ -210,7 +209,6 @@ def read_scene_folder(folder: Path) -> Scene:
 
 
 def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
-
     shape = convert(entries, SceneShape)
     bounds = np.asarray(shape.bounds, dtype=np.float64)
     if not ((bounds[0] <= bounds[1]).all() and (bounds[0] < bounds[1])[:2].all()):

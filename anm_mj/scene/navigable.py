@@ -29,6 +29,8 @@ _START_MARGIN_M = 0.12
 """Extra clearance of start poses, where the scene has room for it [m]."""
 _NUM_STARTS = 8
 _MAX_PLACES = 1_000_000
+_ATTEMPTS = 1000
+"""The grid of standing places is accurate to one cell, so a few of its cells fail the exact test."""
 _MIN_AREA_M2 = 0.5
 """A scene with less room was misread, or is too small for a robot [m2]."""
 _WALLED_DIRECTIONS = 7
@@ -78,7 +80,9 @@ def navigable_area(
         obstacles_m = triangles_m
     else:
         triangles_m = np.concatenate([triangles_m, obstacles_m])
-    grid = _grid_for(triangles_m)
+    size_m = np.ptp(triangles_m.reshape(-1, 3)[:, :2], axis=0)
+    cell_m = RESOLUTION_M * max(1, math.ceil(math.sqrt(float(size_m.prod()) / RESOLUTION_M**2 / MAX_CELLS)))
+    grid = grid_over(triangles_m, cell_m, 2 * cell_m)
     blocked = rasterise(clip_to_slab(obstacles_m, footprint.z_min_m, footprint.z_max_m), grid)
     # Joints between floor tiles and thresholds leave slits that no wheel falls into.
     floor = floor_cells(triangles_m, grid, closing_cells=2)
@@ -115,13 +119,6 @@ def _indoors(blocked: Bool[np.ndarray, "rows cols"]) -> Bool[np.ndarray, "rows c
             row = cells[k] | np.concatenate([[False], row[:-1]])
             count[k] += row
     return np.asarray((met >= _WALLED_DIRECTIONS) & ~blocked)
-
-
-def _grid_for(triangles_m: Float[np.ndarray, "f 3 3"]) -> Grid:
-    size_m = np.ptp(triangles_m.reshape(-1, 3)[:, :2], axis=0)
-    coarser = max(1, math.ceil(math.sqrt(float(size_m.prod()) / RESOLUTION_M**2 / MAX_CELLS)))
-    cell_m = coarser * RESOLUTION_M
-    return grid_over(triangles_m, cell_m, 2 * cell_m)
 
 
 def floor_cells(
@@ -173,19 +170,18 @@ def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STA
 def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int, col: int) -> Pose2:
     """The pose at a cell that faces the longest run of free cells, of 24 directions."""
     reach = np.arange(1, max(free.shape) + 1)
-    best_yaw_deg, best_run = 0, -1
-    for yaw_deg in range(0, 360, 15):
+
+    def run(yaw_deg: int) -> int:
         rows = np.round(row + reach * math.sin(math.radians(yaw_deg))).astype(int)
         cols = np.round(col + reach * math.cos(math.radians(yaw_deg))).astype(int)
         inside = (rows >= 0) & (rows < free.shape[0]) & (cols >= 0) & (cols < free.shape[1])
         open_cells = np.zeros(len(reach), dtype=bool)
         open_cells[inside] = free[rows[inside], cols[inside]]
-        run = int(np.argmin(open_cells)) if not open_cells.all() else len(reach)
-        if run > best_run:
-            best_yaw_deg, best_run = yaw_deg, run
+        return int(np.argmin(open_cells)) if not open_cells.all() else len(reach)
+
     x, y = area.grid.centres_m(row, col)
-    yaw_deg = best_yaw_deg - 360 if best_yaw_deg > 180 else best_yaw_deg
-    return Pose2(round(float(x), 3), round(float(y), 3), math.radians(yaw_deg))
+    yaw_deg = max(range(0, 360, 15), key=run)
+    return Pose2(round(float(x), 3), round(float(y), 3), math.radians(yaw_deg - 360 if yaw_deg > 180 else yaw_deg))
 
 
 @functools.lru_cache(maxsize=4)
@@ -213,6 +209,19 @@ def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:
     if not (0 <= row < area.grid.rows and 0 <= col < area.grid.cols) or area.clearance_m[row, col] == 0.0:
         return False
     return not scene_clearance(scene, footprint).collides(pose)
+
+
+def sample_start(scene: Scene, footprint: Footprint, random: np.random.Generator) -> Pose2:
+    """A pose drawn uniformly from the largest connected area of a scene, with a uniform heading. Raises SceneError if
+    there is hardly a place to stand.
+    """
+    places = scene_area(scene, footprint).places(1)
+    for _ in range(_ATTEMPTS):
+        x, y = places[random.integers(len(places))].tolist()
+        pose = Pose2(x, y, math.pi - random.uniform(0.0, math.tau))
+        if is_clear(scene, pose, footprint):
+            return pose
+    raise SceneError(f"Scene {scene.name} has no clear place for the robot; check it with `anm-mj scene check`.")
 
 
 def require_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> None:

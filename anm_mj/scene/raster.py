@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 _Cells = Int[np.ndarray, " n"]
+_Mask = Bool[np.ndarray, "rows cols"]
+_Triangles = Float[np.ndarray, "f 3 3"]
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,7 @@ def grid_over(points_m: Float[np.ndarray, "*n d"], resolution_m: float, margin_m
     return Grid((low - 0.5) * resolution_m, resolution_m, int(rows), int(cols))
 
 
-def clip_to_slab(
-    triangles_m: Float[np.ndarray, "f 3 3"], z_min_m: float, z_max_m: float
-) -> Float64[np.ndarray, "p 5 2"]:
+def clip_to_slab(triangles_m: _Triangles, z_min_m: float, z_max_m: float) -> Float64[np.ndarray, "p 5 2"]:
     """The parts of triangles with z_min <= z <= z_max, as convex polygons in the plane [m].
 
     Triangles outside the slab are dropped. Polygons with fewer than five corners repeat the last one; vertical
@@ -83,7 +83,7 @@ def clip(polygons: Float64[np.ndarray, "n k d"], bound_m: float, sign: float) ->
     return np.take_along_axis(points, chosen[:, :, None], axis=1)
 
 
-def rasterise(polygons_m: Float64[np.ndarray, "p k 2"], grid: Grid) -> Bool[np.ndarray, "rows cols"]:
+def rasterise(polygons_m: Float64[np.ndarray, "p k 2"], grid: Grid) -> _Mask:
     """True for every cell of the grid that a convex polygon touches."""
     in_cells = (polygons_m - grid.origin_xy_m) / grid.resolution_m
     x, y = in_cells[:, :, 0], in_cells[:, :, 1]
@@ -125,7 +125,7 @@ def _row_runs(
     return rows[found], _cells(low[found]), _cells(high[found])
 
 
-def _fill_runs(rows: _Cells, first_col: _Cells, last_col: _Cells, grid: Grid) -> Bool[np.ndarray, "rows cols"]:
+def _fill_runs(rows: _Cells, first_col: _Cells, last_col: _Cells, grid: Grid) -> _Mask:
     """A grid with all runs set: +1 where one begins, -1 behind its end, summed along the rows."""
     inside = (rows >= 0) & (rows < grid.rows) & (last_col >= 0) & (first_col < grid.cols)
     rows = rows[inside]
@@ -136,29 +136,29 @@ def _fill_runs(rows: _Cells, first_col: _Cells, last_col: _Cells, grid: Grid) ->
     return np.cumsum(change.reshape(grid.rows, width), axis=1)[:, : grid.cols] > 0
 
 
-def level_mask(triangles_m: Float[np.ndarray, "f 3 3"], min_cosine: float = 0.95) -> Bool[np.ndarray, " f"]:
+def level_mask(triangles_m: _Triangles, min_cosine: float = 0.95) -> Bool[np.ndarray, " f"]:
     """True for level triangles, facing up or down: |cos| of the angle between normal and z is large enough."""
     normal = _normals(triangles_m)
     return np.abs(normal[:, 2]) >= min_cosine * np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
 
 
-def areas(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, " f"]:
+def areas(triangles_m: _Triangles) -> Float64[np.ndarray, " f"]:
     """Area of every triangle [m2]."""
     return 0.5 * np.linalg.norm(_normals(triangles_m), axis=1)
 
 
-def _normals(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "f 3"]:
+def _normals(triangles_m: _Triangles) -> Float64[np.ndarray, "f 3"]:
     """Normals; their length is twice the area."""
     corners = triangles_m.astype(np.float64)
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def distance_cells(free: Bool[np.ndarray, "rows cols"]) -> Float64[np.ndarray, "rows cols"]:
+def distance_cells(free: _Mask) -> Float64[np.ndarray, "rows cols"]:
     """Distance from every free cell's centre to the nearest centre of a cell that is not free [cells]."""
     return np.asarray(ndimage.distance_transform_edt(free), dtype=np.float64)
 
 
-def distance_in_walls(free: Bool[np.ndarray, "rows cols"]) -> Float64[np.ndarray, "rows cols"]:
+def distance_in_walls(free: _Mask) -> Float64[np.ndarray, "rows cols"]:
     """As :func:`distance_cells`, with walls all around the grid."""
     return distance_cells(np.pad(free, 1))[1:-1, 1:-1]
 
@@ -168,9 +168,7 @@ def border_labels(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, " n"]
     return np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
 
 
-def label_components(
-    cells: Bool[np.ndarray, "rows cols"], *, diagonal: bool = False
-) -> tuple[Int[np.ndarray, "rows cols"], int]:
+def label_components(cells: _Mask, *, diagonal: bool = False) -> tuple[Int[np.ndarray, "rows cols"], int]:
     """Number of the connected component of every set cell, from 1, and 0 elsewhere; and how many there are.
 
     Cells touch at edges, and with ``diagonal`` at corners as well.

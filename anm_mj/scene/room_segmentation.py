@@ -43,6 +43,10 @@ _NARROWING = 0.8
 MIN_ROOM_M2 = 1.5
 """Smaller areas are niches of their neighbour [m2]."""
 
+_Mask = Bool[np.ndarray, "r c"]
+_Labels = Int[np.ndarray, "r c"]
+_Distances = Float64[np.ndarray, "r c"]
+
 
 @dataclass(frozen=True, eq=False)
 class Door:
@@ -89,9 +93,7 @@ def segment_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) 
     return RoomPlan(room, tuple(size_m2[order].tolist()), _doors(room, distance_m, area))
 
 
-def _walls_and_lintels(
-    triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea
-) -> tuple[Bool[np.ndarray, "r c"], Bool[np.ndarray, "r c"]]:
+def _walls_and_lintels(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> tuple[_Mask, _Mask]:
     """Cells with a wall, and those with a lintel only."""
     steep = triangles_m[~level_mask(triangles_m, _STEEP)]
     # A wall shows as its two faces.
@@ -106,7 +108,7 @@ def _walls_and_lintels(
     return walls & kept, high & ~walls & kept
 
 
-def _standing_free(walls: Bool[np.ndarray, "r c"], area: NavigableArea) -> Bool[np.ndarray, "r c"]:
+def _standing_free(walls: _Mask, area: NavigableArea) -> _Mask:
     """Cells of shelves, posts and the like: pieces as deep as furniture that no wall touches, and short ones."""
     cell_m = area.grid.resolution_m
     pieces, num = label_components(np.asarray(ndimage.binary_dilation(walls, iterations=2), dtype=bool), diagonal=True)
@@ -129,9 +131,7 @@ def _standing_free(walls: Bool[np.ndarray, "r c"], area: NavigableArea) -> Bool[
     return free & walls
 
 
-def segment_floor(
-    free: Bool[np.ndarray, "r c"], cell_m: float, lintels: Bool[np.ndarray, "r c"] | None = None
-) -> tuple[Int[np.ndarray, "r c"], Float64[np.ndarray, "r c"]]:
+def segment_floor(free: _Mask, cell_m: float, lintels: _Mask | None = None) -> tuple[_Labels, _Distances]:
     """Label every free cell (floor without walls; furniture is none) with its room, from 1; 0 elsewhere.
 
     Cells are ``cell_m`` wide [m]; what lies below ``lintels`` is a doorway however wide it is. Also the distance of
@@ -166,7 +166,7 @@ def segment_floor(
     return np.append(0, room + 1)[basin], distance_m
 
 
-def _bottlenecks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]) -> dict[tuple[int, int], float]:
+def _bottlenecks(label: _Labels, distance_m: _Distances) -> dict[tuple[int, int], float]:
     """The widest place of the border between every two labels that touch: its distance to the walls [m]."""
     bottlenecks: dict[tuple[int, int], float] = {}
     for a, b, da, db in (
@@ -181,9 +181,7 @@ def _bottlenecks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, 
     return bottlenecks
 
 
-def _doors(
-    room: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"], area: NavigableArea
-) -> tuple[Door, ...]:
+def _doors(room: _Labels, distance_m: _Distances, area: NavigableArea) -> tuple[Door, ...]:
     """Every stretch of border between two rooms that is wide enough for a door."""
     doors = []
     boxes = ndimage.find_objects(room)
@@ -205,7 +203,7 @@ def _doors(
     return tuple(doors)
 
 
-def _beside(first: Bool[np.ndarray, "r c"], second: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:
+def _beside(first: _Mask, second: _Mask) -> _Mask:
     """Cells of either set within two cells of the other."""
     grown = [np.asarray(ndimage.binary_dilation(cells, iterations=2), dtype=bool) for cells in (first, second)]
     return (first & grown[1]) | (second & grown[0])

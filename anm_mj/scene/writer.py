@@ -125,6 +125,7 @@ def write_scene(
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
         # A scan may have no wall that submeshes a room from the open.
         rooms = rooms or len(segment_rooms(triangles, area).area_m2) or None
+    moving = [movable.part for movable in movables]
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
         **{key: getattr(info, key) for key in ("name", "source", "licence", "up", "up_how", "scale", "scale_how")},
@@ -138,15 +139,12 @@ def write_scene(
         "cull_face": info.cull_face,
         "starts": [[pose.x_m, pose.y_m, round(math.degrees(pose.yaw_rad), 2)] for pose in starts],
         "budget_steps": info.budget_steps,
-        "movables": [movable.part for movable in movables] or None,
+        "movables": moving or None,
         "hash": _content_hash(proper, obstacles or [], movables),
     }
-    moving = [movable.part for movable in movables]
     fixed = [submesh for submesh in obstacles or proper if not is_within(submesh.part, moving)]
-    boxes = np.zeros((0, 4))
-    if fixed:
-        fixed_vertices, fixed_faces = _single(fixed)
-        boxes = collision_boxes(fixed_vertices[fixed_faces])
+    fixed_vertices, fixed_faces = _single(fixed) if fixed else (vertices, faces[:0])
+    boxes = collision_boxes(fixed_vertices[fixed_faces])
     with replaced_folder(out) as folder:
         drawn = _write_assets(proper, folder / ASSETS)
         mjcf = scene_mjcf(info.name, drawn, boxes, bounds, movables)
@@ -179,24 +177,23 @@ def replaced_folder(out: Path) -> Iterator[Path]:
     out = Path(os.path.abspath(out))
     check_destination(out)
     partial = out.with_name(f".{out.name}.{uuid.uuid4().hex[:8]}")
+    old = out.with_name(f"{partial.name}.old")
     try:
+        partial.mkdir(parents=True)
+        yield partial
+        if out.exists():
+            out.rename(old)
         try:
-            partial.mkdir(parents=True)
-            yield partial
-            old = out.with_name(f"{partial.name}.old")
-            if out.exists():
-                out.rename(old)
-            try:
-                partial.rename(out)
-            except OSError:
-                if old.exists():
-                    old.rename(out)
-                raise
-            shutil.rmtree(old, ignore_errors=True)
-        except OSError as err:
-            raise SceneError(
-                f"{out} cannot be written ({err.strerror or err}): choose a folder that you may write to."
-            ) from err
+            partial.rename(out)
+        except OSError:
+            if old.exists():
+                old.rename(out)
+            raise
+        shutil.rmtree(old, ignore_errors=True)
+    except OSError as err:
+        raise SceneError(
+            f"{out} cannot be written ({err.strerror or err}): choose a folder that you may write to."
+        ) from err
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from anm_mj.errors import RobotError, SceneError
-from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
-from anm_mj.mjcf.read_mjcf import MAX_ROBOT_ELEMENTS, root_tag
+from anm_mj.mjcf.read_mjcf import MAX_ROBOT_ELEMENTS, quiet_mujoco, root_tag
 from anm_mj.robot.description import RobotDescription, describe_robot
 from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders

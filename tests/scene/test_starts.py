@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.navigable import is_clear
-from anm_mj.scene.starts import sample_start
+from anm_mj.scene.navigable import is_clear, sample_start
 from anm_mj.types import DEFAULT_FOOTPRINT
 
 

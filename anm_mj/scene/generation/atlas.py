@@ -10,9 +10,15 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
 from anm_mj.scene.generation.quads import Quads
-from anm_mj.scene.generation.voxel_light import VoxelLighting, to_linear, to_srgb
+from anm_mj.scene.generation.voxel_light import VoxelLighting, to_srgb
 from anm_mj.scene.submesh import Submesh
 
+_LIGHT_SPACING_M = 0.14
+"""Light is worked out for points this far apart, and interpolated between them."""
+_COARSER = 1.6
+"""Texels are this much larger than the materials ask for: a scene of forty rooms stays of a size to keep."""
+_SHADES = 64
+"""Values per colour channel: fewer make a smaller file."""
 _MARGIN_PX = 1
 _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
@@ -20,29 +26,24 @@ _TEXELS_TOGETHER = 1 << 19
 
 _Pairs = Int64[np.ndarray, "n 2"]
 """One number along u and one along v for each quad."""
+_Indices = Int64[np.ndarray, " k"]
 _Numbers = Float64[np.ndarray, " k"]
 Cut = Float64[np.ndarray, "k 3 2"]
 """Triangles that stand for a quad: corners as shares (s, t) of the quad's sides."""
 
 
-def paint(
-    name: str, surface: Quads, lighting: VoxelLighting, light_spacing_m: float, cuts: dict[int, Cut], shades: int
-) -> Submesh:
+def paint(name: str, surface: Quads, lighting: VoxelLighting, cuts: dict[int, Cut]) -> Submesh:
     """One textured submesh of a surface.
 
-    Light is worked out for points ``light_spacing_m`` apart [m] and interpolated between them. ``cuts`` are, by index,
-    the quads of which only some triangles are there, as of a floor with slanting sides. ``shades`` is the number of
-    values per colour channel: fewer make a smaller file.
+    ``cuts`` are, by index, the quads of which only some triangles are there, as of a floor with slanting sides.
     """
-    texel_m = np.array([material.texel_m for material in surface.materials])
-    size_px = _resolution(surface, texel_m)
-    corner_px, image_size = pack(size_px + 2 * _MARGIN_PX)
-
-    image = np.zeros((image_size[1], image_size[0], 3), np.uint8)
-    sizes, light = _light_on(surface, lighting, light_spacing_m)
+    size_px = _resolution(surface, np.array([material.texel_m for material in surface.materials]) * _COARSER)
+    padded_px = size_px + 2 * _MARGIN_PX
+    corner_px, (width, height) = pack(padded_px)
+    image = np.zeros((height, width, 3), np.uint8)
+    sizes, light = _light_on(surface, lighting)
     numbers = {material: number for number, material in enumerate(dict.fromkeys(surface.materials))}
     number_of = np.array([numbers[material] for material in surface.materials], np.int64)
-    padded_px = size_px + 2 * _MARGIN_PX
     num_texels = int(padded_px.prod(axis=1).sum())
     # A part at a time: the halls of large buildings have tens of millions of texels.
     for first in range(0, num_texels, _TEXELS_TOGETHER):
@@ -53,16 +54,16 @@ def paint(
         for material, number in numbers.items():
             texels = number_of[quad] == number
             colour[texels] = material.colour(uv_m[texels])
-        colour = to_srgb(to_linear(colour) * _between(sizes, light, quad, s, t)[:, None])
-        shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
+        # sRGB by the plain power law, near enough for paint.
+        colour = to_srgb(colour**2.2 * _between(sizes, light, quad, s, t)[:, None])
+        shade = np.rint(colour * (_SHADES - 1)) * (255.0 / (_SHADES - 1))
         image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
     return _submesh(name, surface, corner_px, size_px, image, cuts)
 
 
 def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
     """Points all over a surface, no farther apart than the spacing [m]."""
-    sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
-    owner, col, row = _cells(sizes, 0, int(sizes.prod(axis=1).sum()))
+    sizes, owner, col, row = _grids(surface, spacing_m)
     return _bilinear(surface.corners_m[owner], col / (sizes[owner, 0] - 1), row / (sizes[owner, 1] - 1))
 
 
@@ -93,9 +94,13 @@ def _resolution(surface: Quads, spacing_m: _Numbers) -> _Pairs:
     return np.ceil(np.stack([u, v], axis=1) / spacing_m[:, None] - 1e-3).astype(np.int64).clip(1) + 1
 
 
-def _cells(
-    sizes: _Pairs, first: int, last: int
-) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
+def _grids(surface: Quads, spacing_m: float) -> tuple[_Pairs, _Indices, _Indices, _Indices]:
+    """Sizes of a grid of points on each quad, and the quad, column and row of every point."""
+    sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
+    return sizes, *_cells(sizes, 0, int(sizes.prod(axis=1).sum()))
+
+
+def _cells(sizes: _Pairs, first: int, last: int) -> tuple[_Indices, _Indices, _Indices]:
     """Rectangle, column and row of the cells ``first`` to ``last`` (exclusive) of all rectangles."""
     ends = np.cumsum(sizes.prod(axis=1))
     cell = np.arange(first, last)
@@ -110,10 +115,9 @@ def _bilinear(corners: Float64[np.ndarray, "k 4 d"], s: _Numbers, t: _Numbers) -
     return a + b + c + d
 
 
-def _light_on(surface: Quads, lighting: VoxelLighting, spacing_m: float) -> tuple[_Pairs, _Numbers]:
+def _light_on(surface: Quads, lighting: VoxelLighting) -> tuple[_Pairs, _Numbers]:
     """Light on a coarse grid of points on each quad: the sizes of the grids, and the light of all, one by one."""
-    sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
-    owner, col, row = _cells(sizes, 0, int(sizes.prod(axis=1).sum()))
+    sizes, owner, col, row = _grids(surface, _LIGHT_SPACING_M)
     shares = []
     for axis, corner, cell in ((0, 1, col), (1, 3, row)):
         edge = np.linalg.norm(surface.corners_m[:, corner] - surface.corners_m[:, 0], axis=1)
@@ -125,9 +129,7 @@ def _light_on(surface: Quads, lighting: VoxelLighting, spacing_m: float) -> tupl
     return sizes, light
 
 
-def _between(
-    sizes: _Pairs, light: Float64[np.ndarray, " m"], quad: Int64[np.ndarray, " k"], s: _Numbers, t: _Numbers
-) -> _Numbers:
+def _between(sizes: _Pairs, light: Float64[np.ndarray, " m"], quad: _Indices, s: _Numbers, t: _Numbers) -> _Numbers:
     """Light at places on quads, between the points of their grids."""
     first = (np.cumsum(sizes.prod(axis=1)) - sizes.prod(axis=1))[quad]
     width = sizes[quad, 0]

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 from shapely.geometry.polygon import orient
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.wall import Wall, WallArea
+from anm_mj.scene.generation.wall import Wall, WallArea, between
 
 _TOUCH_M = 2e-3
 """Walls that run along one another within this distance are the two sides of an opening."""
@@ -28,7 +28,7 @@ class PlanRoom:
     name: str
     """Unlike any other in the building."""
     room_type: str
-    """What it is for, a key of ``ROOM_TYPES``: "bedroom", "office", "corridor" ..."""
+    """What it is for, a key of ``ROOM_AREAS_M2``: "bedroom", "office", "corridor" ..."""
     floor: shapely.Polygon
     """World x, y [m]; may have holes."""
 
@@ -69,11 +69,7 @@ class RoomWall:
 
     def solid(self, margin_m: float = 0.0) -> list[tuple[float, float]]:
         """Stretches of the wall between its gaps, each gap widened on both sides."""
-        ends = [0.0]
-        for start, end, _ in self.gaps:
-            ends += [start - margin_m, end + margin_m]
-        ends.append(self.wall.length_m)
-        return [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1e-6]
+        return between(((start - margin_m, end + margin_m) for start, end, _ in self.gaps), self.wall.length_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +108,10 @@ class Building:
         sides = []
         for k in np.flatnonzero(edges.owner == 0).tolist():
             left, right = edges.left[k], edges.right[k]
-            length, start = float(np.linalg.norm(right - left)), 0.0
+            length = float(np.linalg.norm(right - left))
             along = (right - left) / length
-            for a, b in [*((a, b) for a, b, _ in edges.gaps(k, first_passage=len(edges.owner))), (length, length)]:
-                if a - start > _TOUCH_M:
-                    sides.append(_wall(left + start * along, left + a * along))
-                start = b
+            closed = between(((a, b) for a, b, _ in edges.gaps(k, first_passage=len(edges.owner))), length)
+            sides += [_wall(left + a * along, left + b * along) for a, b in closed if b - a > _TOUCH_M]
         return sides
 
 
@@ -127,9 +121,8 @@ def named_rooms(floors: list[shapely.Polygon], room_types: list[str]) -> tuple[P
     rooms = []
     for floor, room_type in zip(floors, room_types, strict=True):
         seen[room_type] += 1
-        rooms.append(
-            PlanRoom(room_type if total[room_type] == 1 else f"{room_type} {seen[room_type]}", room_type, floor)
-        )
+        name = room_type if total[room_type] == 1 else f"{room_type} {seen[room_type]}"
+        rooms.append(PlanRoom(name, room_type, floor))
     return tuple(rooms)
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int16
 
-from anm_mj.scene.generation.building import Building
-from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
+from anm_mj.scene.generation.furnish import furnish
 from anm_mj.scene.generation.layout import BuildingKind, plan_building
 from anm_mj.scene.generation.traversability import CELL_M
 
@@ -33,11 +32,7 @@ def generated_map(rooms: int, seed: int, kind: BuildingKind = "apartment", furni
     Raises SceneError if an argument is out of its range.
     """
     building = plan_building(rooms, seed, kind)
-    return building_map(building, furnish(building, seed, furniture=furniture))
-
-
-def building_map(building: Building, furnished: list[FurnishedRoom]) -> BuildingMap:
-    """The map of a furnished building."""
+    furnished = furnish(building, seed, furniture=furniture)
     low = np.min([room.grid.low_cell for room in furnished], axis=0) - _MARGIN_CELLS
     ends = [np.add(room.grid.low_cell, room.grid.floor.shape[::-1]) for room in furnished]
     cols, rows = np.max(ends, axis=0) + _MARGIN_CELLS - low

@@ -15,11 +15,10 @@ from anm_mj.scene.folder import Scene
 from anm_mj.scene.generation.atlas import paint, points_on
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
-from anm_mj.scene.generation.lamps import lamps, lights
 from anm_mj.scene.generation.layout import BuildingKind, plan_building
 from anm_mj.scene.generation.move_furniture import Move, move_furniture
-from anm_mj.scene.generation.quads import Quads, join
-from anm_mj.scene.generation.shell import Patch, Surface, passage_shell, room_shell
+from anm_mj.scene.generation.quads import join
+from anm_mj.scene.generation.shell import Patch, Surface, lamps, lights, passage_shell, room_shell
 from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting
 from anm_mj.scene.navigable import NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
@@ -28,10 +27,6 @@ from anm_mj.utils.files import write_text
 
 _logger = logging.getLogger(__name__)
 
-_LIGHT_SPACING_M = 0.14
-_COARSER = 1.6
-"""Texels are this much larger than the materials ask for: a scene of forty rooms stays of a size to keep."""
-_SHADES = 64
 _MIN_REACHED_M2 = 0.1
 """A room counts as reached when the robot's axis gets to this much of its floor [m2]."""
 _STEPS_PER_ROOM, _BASE_STEPS = 100, 300
@@ -89,7 +84,7 @@ def write_building(
         interior = _Interior(building, furnished, seed)
     lighting = _lighting(building, interior.furnished)
     submeshes = [
-        paint(room.room.name, _coarsened(surface.quads), lighting, _LIGHT_SPACING_M, surface.cuts, _SHADES)
+        paint(room.room.name, surface.quads, lighting, surface.cuts)
         for room, surface in zip(interior.furnished, interior.surfaces, strict=True)
     ]
     num = len(building.rooms)
@@ -166,9 +161,8 @@ def _lighting(building: Building, furnished: list[FurnishedRoom]) -> VoxelLighti
     """The light of all lamps and windows among all furniture."""
     x0, y0, x1, y1 = shapely.total_bounds([room.room.floor for room in furnished])
     origin = np.array([x0 - 0.3, y0 - 0.3, -0.16])
-    cols, rows, layers = np.ceil((np.array([x1 + 0.3, y1 + 0.3, building.ceiling_m + 0.16]) - origin) / VOXEL_M).astype(
-        int
-    )
+    end = np.array([x1 + 0.3, y1 + 0.3, building.ceiling_m + 0.16])
+    cols, rows, layers = np.ceil((end - origin) / VOXEL_M).astype(int)
     xs, ys = (start + (np.arange(num) + 0.5) * VOXEL_M for start, num in ((origin[0], cols), (origin[1], rows)))
     zs = origin[2] + (np.arange(layers) + 0.5) * VOXEL_M
     open_voxels = np.zeros((layers, rows, cols), dtype=bool)
@@ -186,8 +180,3 @@ def _lighting(building: Building, furnished: list[FurnishedRoom]) -> VoxelLighti
     points = points_on(join(*pieces), 0.6 * VOXEL_M) if pieces else np.zeros((0, 3))
     sources = [light for room in furnished for light in lights(building, room)]
     return VoxelLighting(origin, open_voxels, points, sources)
-
-
-def _coarsened(surface: Quads) -> Quads:
-    larger = {material: replace(material, texel_m=material.texel_m * _COARSER) for material in set(surface.materials)}
-    return Quads(surface.corners_m, surface.uv_m, tuple(larger[material] for material in surface.materials))

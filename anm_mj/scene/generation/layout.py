@@ -7,8 +7,7 @@ import shapely
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.generation.building import Building, Passage, named_rooms
-from anm_mj.scene.generation.room_arrangement import Cell, cluster, wings
-from anm_mj.scene.generation.room_types import ROOM_TYPES, choose_room_types
+from anm_mj.scene.generation.room_arrangement import PRIVATE, Cell, choose_room_types, cluster, wings
 
 BuildingKind = Literal["apartment", "office"]
 
@@ -18,7 +17,7 @@ WALL_M = 0.12
 _DOOR_WIDTHS_M = (0.8, 0.85, 0.9, 0.95, 1.0)
 _WIDE_M = (1.3, 1.9)
 """Narrowest and widest opening that is not a door."""
-_CLOSED = {room_type for room_type in ROOM_TYPES if ROOM_TYPES[room_type].private} | {"bedroom", "child"}
+_CLOSED = PRIVATE | {"bedroom", "child"}
 """Rooms that are never open to others."""
 _DOOR_MARGIN_M = 0.2
 """Doors keep this far from corners: room for the frame."""
@@ -58,7 +57,7 @@ def _attempt(num: int, kind: BuildingKind, rng: np.random.Generator) -> Building
         return None
     wanted = max(1, num // 6) if num >= 5 else int(num >= 3 and rng.random() < 0.5)
     extra = [pair for pair in sorted(pairs, key=lambda pair: pairs[pair][3]) if pair not in joined]
-    loops = [pair for pair in extra if not any(ROOM_TYPES[cells[k].room_type].private for k in pair)][:wanted]
+    loops = [pair for pair in extra if not any(cells[k].room_type in PRIVATE for k in pair)][:wanted]
     if num >= 5 and not loops:
         return None
     passages = tuple(_passage(cells, pair, pairs[pair], rng) for pair in sorted([*joined, *loops]))
@@ -99,7 +98,7 @@ def _reluctance(a: Cell, b: Cell) -> float:
     if room_types in ({"living", "kitchen"}, {"living", "dining"}, {"kitchen", "dining"}, {"reception", "lounge"}):
         return 2.0
     # Of doors alike, those between large rooms come first; the numbers never tie in practice.
-    private = ROOM_TYPES[a.room_type].private + ROOM_TYPES[b.room_type].private
+    private = (a.room_type in PRIVATE) + (b.room_type in PRIVATE)
     return 10.0 * (1 + private) - 0.01 * (a.area_m2 + b.area_m2)
 
 
@@ -121,7 +120,7 @@ def _tree(cells: list[Cell], pairs: dict[_Pair, _Shared], rng: np.random.Generat
             group[:] = [new if own == old else own for own in group]
 
     for pair in sorted(pairs, key=lambda pair: reluctance[pair]):
-        if any(ROOM_TYPES[cells[k].room_type].private and k in entered for k in pair):
+        if any(cells[k].room_type in PRIVATE and k in entered for k in pair):
             postponed.append(pair)
         else:
             join(pair)

@@ -64,7 +64,11 @@ def move_furniture(
         before = room.placed[number]
         # Where a piece moved away, no other one goes: both changes can be told apart.
         gone = [move.before for move in moves if move.room == room.room.name]
-        after = _other_place(room, before, gone, np.random.default_rng([seed, 3, index, number]))
+        space = RoomSpace(room.room.floor, room.walls, np.random.default_rng([seed, 3, index, number]))
+        for other in (*room.placed, *gone):
+            if other.piece.placement in (*_STANDING, "window"):
+                space.occupy(other)
+        after = space.put(before.piece)
         if after is None:
             continue
         placed = (*room.placed[:number], after, *room.placed[number + 1 :])
@@ -83,14 +87,6 @@ def _is_movable(placed: Placed, room: FurnishedRoom) -> bool:
     hung = any(other.piece.placement == "hang" for other in room.placed)
     large = piece.height_m >= _MIN_HEIGHT_M and (x1 - x0) * (y1 - y0) >= _MIN_AREA_M2
     return piece.placement in _STANDING and large and not (hung and piece.height_m > _HUNG_ABOVE_M)
-
-
-def _other_place(room: FurnishedRoom, placed: Placed, gone: list[Placed], rng: np.random.Generator) -> Placed | None:
-    space = RoomSpace(room.room.floor, room.walls, rng)
-    for other in (*room.placed, *gone):
-        if other.piece.placement in (*_STANDING, "window"):
-            space.occupy(other)
-    return space.put(placed.piece)
 
 
 def _place(placed: Placed) -> dict[str, Any]:

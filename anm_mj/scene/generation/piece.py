@@ -4,9 +4,9 @@ Top-down maps, made by the thousand for training, need outlines only.
 """
 
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, ParamSpec, cast
+from typing import Literal, cast
 
 import numpy as np
 from jaxtyping import Float64
@@ -57,8 +57,7 @@ class Piece:
 
 
 Design = Iterator[Piece | Quads]
-"""The outline of a piece, then its parts."""
-_Arguments = ParamSpec("_Arguments")
+"""A generator that draws sizes by chance and yields the outline of a piece, then its parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +78,10 @@ class Placed:
         return np.stack([box_corners(box, self.x_m, self.y_m, self.yaw_deg) for box in self.piece.solids_m])
 
 
-def furniture(design: Callable[_Arguments, Design]) -> Callable[_Arguments, Piece]:
-    """Decorates a generator that draws sizes, yields the outline, then the parts: the call returns the piece."""
-
-    @functools.wraps(design)
-    def make(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Piece:
-        parts = design(*args, **kwargs)
-        outline = cast(Piece, next(parts))
-        return replace(outline, parts=cast(Iterator[Quads], parts))
-
-    return make
+def drawn(design: Design) -> Piece:
+    """The piece that a design makes: its sizes are drawn now, its parts when they are needed."""
+    outline = cast(Piece, next(design))
+    return replace(outline, parts=cast(Iterator[Quads], design))
 
 
 def box_corners(box: Box, x_m: float, y_m: float, yaw_deg: float) -> Float64[np.ndarray, "4 2"]:

@@ -27,9 +27,7 @@ class RoomSpace:
         """An empty room's clear floor [m] and walls; ``rng`` decides between places that are equally good."""
         self._rng = rng
         self._walls = walls
-        self._stretches = [
-            (wall, start, end) for wall in walls for start, end in wall.solid(0.08) if end - start > 0.25
-        ]
+        self._stretches = [(wall, *ends) for wall in walls for ends in wall.solid(0.08) if ends[1] - ends[0] > 0.25]
         before_doors = [_before_gap(wall.wall, start, end) for wall in walls for start, end, _ in wall.gaps]
         self._standing: BaseGeometry = floor.difference(shapely.union_all(before_doors))
         """Where a piece may stand."""
@@ -43,8 +41,6 @@ class RoomSpace:
         if piece.placement == "hang":
             return self._hang(piece)
         places = self._middle_places() if piece.placement in ("middle", "rug") else self._wall_places(piece)
-        if not len(places):
-            return None
         fits = self._fits(piece, places)
         if not fits.any():
             return None
@@ -134,9 +130,8 @@ class RoomSpace:
         x0, y0, x1, y1 = shapely.bounds(self._standing)
         points = np.column_stack([self._rng.uniform(x0, x1, _MIDDLE_TRIES), self._rng.uniform(y0, y1, _MIDDLE_TRIES)])
         inside = shapely.points(points)
-        room = np.where(
-            shapely.covers(self._standing, inside), shapely.distance(shapely.boundary(self._standing), inside), 0.0
-        )
+        to_edge_m = shapely.distance(shapely.boundary(self._standing), inside)
+        room = np.where(shapely.covers(self._standing, inside), to_edge_m, 0.0)
         points = points[np.argsort(-room, kind="stable")][: np.count_nonzero(room)]
         turns = self._main_deg + 90.0 * self._rng.integers(0, 4, len(points))
         skew = np.where(self._rng.random(len(points)) < 0.15, self._rng.uniform(-15.0, 15.0, len(points)), 0.0)
@@ -172,9 +167,8 @@ def _before_gap(wall: Wall, start_m: float, end_m: float) -> shapely.Polygon:
 def _with_front(piece: Piece) -> Box:
     """The outline and the floor to keep clear before it; on all sides for what stands free."""
     x0, y0, x1, y1 = piece.outline_m
-    if piece.placement == "middle":
-        return x0 - piece.front_m, y0 - piece.front_m, x1 + piece.front_m, y1 + piece.front_m
-    return x0, y0 - piece.front_m, x1, y1
+    around_m = piece.front_m if piece.placement == "middle" else 0.0
+    return x0 - around_m, y0 - piece.front_m, x1 + around_m, y1 + around_m
 
 
 def _shrunk(box: Box) -> Box:

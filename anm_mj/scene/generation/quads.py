@@ -17,6 +17,7 @@ from jaxtyping import Float64
 
 Point = tuple[float, float, float]
 """x, y, z [m]."""
+_Side = Point | Float64[np.ndarray, "3"]
 _Arguments = ParamSpec("_Arguments")
 
 
@@ -90,7 +91,7 @@ def quads(corners_m: Float64[np.ndarray, "n 4 3"], uv_m: Float64[np.ndarray, "n 
 
 
 def rectangle(
-    origin_m: Point, u_m: Point, v_m: Point, material: Material, uv_origin_m: tuple[float, float] = (0.0, 0.0)
+    origin_m: Point, u_m: _Side, v_m: _Side, material: Material, uv_origin_m: tuple[float, float] = (0.0, 0.0)
 ) -> Quads:
     """A parallelogram that is seen from the side of ``u x v``."""
     origin, u, v = np.array(origin_m), np.array(u_m), np.array(v_m)

@@ -1,11 +1,29 @@
-"""Arrangements of rectangular rooms: clusters, and rows of rooms along corridors."""
+"""Room types, and arrangements of rectangular rooms: clusters, and rows of rooms along corridors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from anm_mj.scene.generation.room_types import ROOM_TYPES
+from anm_mj.scene.generation.wall import between
+
+ROOM_AREAS_M2 = {
+    "living": (19.0, 28.0), "kitchen": (10.0, 15.0), "dining": (11.0, 16.0), "bedroom": (11.0, 17.0),
+    "child": (9.0, 13.0), "study": (8.0, 12.0), "bathroom": (5.0, 8.0), "storage": (4.5, 8.0),
+    "library": (10.0, 16.0), "hobby": (10.0, 15.0), "corridor": (0.0, 0.0), "reception": (16.0, 24.0),
+    "open office": (30.0, 46.0), "office": (10.0, 17.0), "meeting": (15.0, 24.0), "break room": (13.0, 20.0),
+    "washroom": (6.0, 9.0), "archive": (7.0, 12.0), "lounge": (14.0, 22.0), "laboratory": (18.0, 28.0),
+}  # fmt: skip
+"""Smallest and largest area that the layout gives to each type of room [m2]."""
+PRIVATE = {"bathroom", "storage", "washroom", "archive"}
+"""Rooms that no way leads through to another."""
+
+_APARTMENT = ("living", "bedroom", "kitchen", "bathroom", "child", "study", "dining", "storage")
+_APARTMENT_MORE = (
+    "bedroom", "bathroom", "study", "living", "library", "child", "kitchen", "hobby", "bedroom", "storage",
+)  # fmt: skip
+_OFFICE = ("open office", "office", "meeting", "break room", "office", "washroom", "reception", "office", "archive")
+_OFFICE_MORE = ("office", "office", "meeting", "laboratory", "office", "lounge", "open office", "office", "washroom")
 
 _ROUND_M = 0.05
 """Walls stand on multiples of this [m]."""
@@ -29,9 +47,18 @@ class Cell:
         return (self.high_m[0] - self.low_m[0]) * (self.high_m[1] - self.low_m[1])
 
 
+def choose_room_types(num: int, kind: str, rng: np.random.Generator) -> list[str]:
+    """Types of ``num`` rooms, corridors apart: first what every home or office has, then more in no fixed order."""
+    base, more = (_APARTMENT, _APARTMENT_MORE) if kind == "apartment" else (_OFFICE, _OFFICE_MORE)
+    room_types: list[str] = list(base[:num])
+    while len(room_types) < num:
+        room_types += [more[k] for k in rng.permutation(len(more))[: num - len(room_types)]]
+    return room_types
+
+
 def cluster(room_types: list[str], rng: np.random.Generator) -> list[Cell]:
     """Rooms that adjoin one another without a corridor: a rectangle, halved again and again."""
-    areas = np.array([rng.uniform(*ROOM_TYPES[room_type].area_m2) for room_type in room_types])
+    areas = np.array([rng.uniform(*ROOM_AREAS_M2[room_type]) for room_type in room_types])
     order = rng.permutation(len(room_types))
     ratio = rng.uniform(1.1, 1.5)
     width = float(np.sqrt(areas.sum() * ratio))
@@ -72,7 +99,7 @@ def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Gener
     # With one corridor, the largest room may close its end and be as deep as the whole building.
     head = None
     if num_corridors == 1 and len(room_types) >= 4 and rng.random() < 0.65:
-        head = max(room_types, key=lambda room_type: ROOM_TYPES[room_type].area_m2[1])
+        head = max(room_types, key=lambda room_type: ROOM_AREAS_M2[room_type][1])
         room_types.remove(head)
 
     rows = _dealt(room_types, 2 * num_corridors, rng)
@@ -97,13 +124,13 @@ def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Gener
         cells += _row(rows[north], length, (high, top), links, corridor_m, "north" if is_last else "", rng)
         y, y_link = top, high
     if head is not None:
-        width = _round(max(3.4, float(rng.uniform(*ROOM_TYPES[head].area_m2)) / y))
+        width = _round(max(3.4, float(rng.uniform(*ROOM_AREAS_M2[head])) / y))
         cells.append(Cell(head, (-width, 0.0), (0.0, y)))
     return cells
 
 
 def _dealt(room_types: list[str], num_rows: int, rng: np.random.Generator) -> list[list[tuple[str, float]]]:
-    rooms = [(room_type, float(rng.uniform(*ROOM_TYPES[room_type].area_m2))) for room_type in room_types]
+    rooms = [(room_type, float(rng.uniform(*ROOM_AREAS_M2[room_type]))) for room_type in room_types]
     rows: list[list[tuple[str, float]]] = [[] for _ in range(num_rows)]
     for room_type, area in sorted(rooms, key=lambda room: -room[1]):
         # A row without a room would leave a corridor without a wall.
@@ -129,11 +156,8 @@ def _row(
     rng: np.random.Generator,
 ) -> list[Cell]:
     """Rooms side by side between the cross corridors; on a facade some stand out a little."""
-    ends = [0.0]
-    for x in links_m:
-        ends += [x, _round(x + corridor_m)]
-    ends.append(length_m)
-    stretches = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= _MIN_WIDTH_M]
+    between_links = between(((x, _round(x + corridor_m)) for x in links_m), length_m)
+    stretches = [(a, b) for a, b in between_links if b - a >= _MIN_WIDTH_M]
     counts = _shares([b - a for a, b in stretches], len(rooms))
     cells, taken = [], 0
     for (a, b), count in zip(stretches, counts, strict=True):

@@ -7,10 +7,10 @@ import numpy as np
 
 from anm_mj.scene.generation.furniture_catalogue import home, office
 from anm_mj.scene.generation.furniture_catalogue import kitchen_and_bath as wet
-from anm_mj.scene.generation.piece import Piece
+from anm_mj.scene.generation.piece import Design, Piece, drawn
 from anm_mj.scene.generation.room_style import RoomStyle
 
-_Draw = Callable[[RoomStyle, np.random.Generator], Piece]
+_Draw = Callable[[RoomStyle, np.random.Generator], Design]
 
 _SOFA = (partial(home.sofa_group, width_m=2.1), partial(home.sofa_group, width_m=1.6), home.armchair)
 _TABLE_2 = (partial(home.dining, seats=2),)
@@ -23,6 +23,7 @@ _COUNTER = (
     *(partial(wet.worktop, width_m=width) for width in (2.4, 1.5, 1.0)),
 )
 """A row with a fridge, or one that fits below a window."""
+_PICTURES_2, _PICTURES_3 = 2 * (home.picture,), 3 * (home.picture,)
 
 
 def pieces_for(room_type: str, area_m2: float, style: RoomStyle, rng: np.random.Generator) -> list[tuple[Piece, ...]]:
@@ -31,7 +32,7 @@ def pieces_for(room_type: str, area_m2: float, style: RoomStyle, rng: np.random.
     A type without a template is furnished like a lounge.
     """
     return [
-        tuple(draw(style, rng) for draw in (choice if isinstance(choice, tuple) else (choice,)))
+        tuple(drawn(draw(style, rng)) for draw in (choice if isinstance(choice, tuple) else (choice,)))
         for choice in _template(room_type, area_m2, rng)
     ]
 
@@ -41,15 +42,14 @@ def _template(room_type: str, area_m2: float, rng: np.random.Generator) -> Itera
         case "living":
             yield from (_SOFA, home.television, home.bookcase)
             yield from (_TABLE_4, home.armchair) if area_m2 > 20 else ()
-            yield from (home.drawers, home.plant, home.floor_lamp, home.low_bookcase, home.basket)
-            yield from 3 * (home.picture,)
+            yield from (home.drawers, home.plant, home.floor_lamp, home.low_bookcase, home.basket, *_PICTURES_3)
         case "kitchen":
             yield from (_COUNTER, _TABLE_4, home.bookcase)
             yield from (home.drawers,) if area_m2 > 14 else ()
             yield from (home.plant, home.basket, home.cartons, home.picture, home.picture)
         case "dining":
             yield from (_TABLE_6, home.drawers, home.low_bookcase, home.plant, home.floor_lamp, home.chair)
-            yield from 3 * (home.picture,)
+            yield from _PICTURES_3
         case "bedroom":
             yield from (_BED, home.wardrobe, home.drawers)
             yield from (home.desk,) if area_m2 > 15 else ()
@@ -57,8 +57,7 @@ def _template(room_type: str, area_m2: float, rng: np.random.Generator) -> Itera
         case "child":
             yield from (_CHILD_BED, home.cubbies, home.toys, home.beanbag)
             yield from (home.desk,) if area_m2 > 11 else ()
-            yield from (home.wardrobe, home.stool, partial(home.rug, width_m=1.3, depth_m=1.3))
-            yield from 2 * (home.picture,)
+            yield from (home.wardrobe, home.stool, partial(home.rug, width_m=1.3, depth_m=1.3), *_PICTURES_2)
         case "study":
             yield from (home.desk, home.bookcase, home.low_bookcase, home.armchair, home.plant, home.basket)
             yield from (home.cartons, partial(home.rug, width_m=1.5, depth_m=1.1), home.picture, home.picture)
@@ -94,14 +93,13 @@ def _template(room_type: str, area_m2: float, rng: np.random.Generator) -> Itera
             yield from (home.basket, home.desk, home.cartons, home.picture, home.picture)
         case "meeting":
             yield tuple(partial(office.meeting_table, seats=seats) for seats in (8 if area_m2 > 17 else 6, 4))
-            yield from (office.whiteboard, home.television, home.drawers, home.plant, home.basket)
-            yield from 2 * (home.picture,)
+            yield from (office.whiteboard, home.television, home.drawers, home.plant, home.basket, *_PICTURES_2)
         case "break room":
             yield from (_COUNTER, _TABLE_4, _TABLE_2, _SOFA, office.water_dispenser, home.plant, home.basket)
-            yield from 2 * (home.picture,)
+            yield from _PICTURES_2
         case "reception":
             yield from (office.reception_desk, _SOFA, home.armchair, home.plant, home.plant, office.water_dispenser)
-            yield from (home.chair, *3 * (home.picture,))
+            yield from (home.chair, *_PICTURES_3)
         case "laboratory":
             yield from (office.laboratory_island, office.laboratory_bench, office.laboratory_bench, office.lockers)
             yield from (office.racks, office.whiteboard, home.cartons, home.basket)
@@ -111,5 +109,4 @@ def _template(room_type: str, area_m2: float, rng: np.random.Generator) -> Itera
         case _:
             yield from (_SOFA, home.armchair, _TABLE_2, home.bookcase)
             yield from (_SOFA, _TABLE_4, partial(office.desk_island, per_side=2), _TABLE_4) if area_m2 > 40 else ()
-            yield from (home.plant, home.plant, home.floor_lamp, home.television, home.drawers)
-            yield from 3 * (home.picture,)
+            yield from (home.plant, home.plant, home.floor_lamp, home.television, home.drawers, *_PICTURES_3)

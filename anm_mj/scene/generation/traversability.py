@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float64
 
 from anm_mj.scene.generation.building import RoomWall
 from anm_mj.scene.generation.piece import Placed
@@ -35,28 +35,24 @@ class RoomGrid:
             self.floor = np.asarray(shapely.contains_xy(floor, *np.meshgrid(self.x_m, self.y_m)))
         points = [wall.wall.point((a + b) / 2, 0.45, 0.0)[:2] for wall in walls for a, b, _ in wall.gaps]
         self._before_doors = np.array(points).reshape(-1, 2)
-        self._empty_doors, self._empty_share = self._reach(self.floor)
+        self._empty_joined, self._empty_share = self._reach(self.floor)
 
     def solid(self, placed: list[Placed]) -> Bool[np.ndarray, "rows cols"]:
         """Cells that pieces cover."""
         cells = np.zeros_like(self.floor)
         for piece in placed:
-            if piece.piece.placement != "rug" and not (
-                piece.piece.placement == "hang" and piece.piece.outline_m[1] > -0.15
-            ):
-                for corners in piece.corners_m():
-                    self._fill(cells, corners)
+            flat = piece.piece.placement == "hang" and piece.piece.outline_m[1] > -0.15
+            for corners in () if flat or piece.piece.placement == "rug" else piece.corners_m():
+                self._fill(cells, corners)
         return cells
 
     def is_traversable(self, placed: list[Placed]) -> bool:
         """True if furniture disconnects no two doors, and leaves enough floor reachable."""
-        doors, share = self._reach(self.floor & ~self.solid(placed))
-        joined = (doors[:, None] == doors[None, :]) & (doors[:, None] > 0)
-        was_joined = (self._empty_doors[:, None] == self._empty_doors[None, :]) & (self._empty_doors[:, None] > 0)
-        return bool((joined | ~was_joined).all()) and share >= _MIN_OPEN_SHARE * self._empty_share
+        joined, share = self._reach(self.floor & ~self.solid(placed))
+        return bool((joined | ~self._empty_joined).all()) and share >= _MIN_OPEN_SHARE * self._empty_share
 
-    def _reach(self, free: Bool[np.ndarray, "rows cols"]) -> tuple[Int[np.ndarray, " doors"], float]:
-        """Component (0 for none) that each door opens into, and the number of cells of the largest of them."""
+    def _reach(self, free: Bool[np.ndarray, "rows cols"]) -> tuple[Bool[np.ndarray, "doors doors"], float]:
+        """Whether a way joins each door to each other, and the number of cells of the largest component at a door."""
         distance = distance_in_walls(free) * CELL_M
         labels, num = label_components(distance >= _RADIUS_M)
         sizes = np.bincount(labels.ravel(), minlength=num + 1)
@@ -68,7 +64,8 @@ class RoomGrid:
             if len(away) and away.min() < 0.35:
                 nearest = int(np.argmin(away))
                 doors[k] = labels[rows[nearest], cols[nearest]]
-        return doors, float(sizes[doors].max() if len(doors) else sizes.max())
+        joined = (doors[:, None] == doors[None, :]) & (doors[:, None] > 0)
+        return joined, float(sizes[doors].max() if len(doors) else sizes.max())
 
     def _fill(self, cells: Bool[np.ndarray, "rows cols"], corners_m: Float64[np.ndarray, "4 2"]) -> None:
         low, high = corners_m.min(axis=0), corners_m.max(axis=0)

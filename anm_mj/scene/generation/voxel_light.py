@@ -22,6 +22,7 @@ _REACH_M = 6.0
 _STEPS = 14
 """Places looked at between a surface and a light."""
 _START_M = 0.13
+_Numbers = Float64[np.ndarray, " n"]
 _Vectors = Float64[np.ndarray, "n 3"]
 _Voxels = Float32[np.ndarray, "layers rows cols"]
 
@@ -60,7 +61,7 @@ class VoxelLighting:
         ]
         self._lights = lights
 
-    def falling_on(self, points_m: _Vectors, normals: _Vectors) -> Float64[np.ndarray, " n"]:
+    def falling_on(self, points_m: _Vectors, normals: _Vectors) -> _Numbers:
         """White light on points [m] of surfaces; 1 shows a surface in its own colour."""
         total = np.full(len(points_m), _AMBIENT)
         for (distance_m, _, weight), level in zip(_CONE, self._levels, strict=True):
@@ -69,9 +70,7 @@ class VoxelLighting:
             self._add_direct(total, points_m, normals, light)
         return total
 
-    def _add_direct(
-        self, total: Float64[np.ndarray, " n"], points_m: _Vectors, normals: _Vectors, light: Light
-    ) -> None:
+    def _add_direct(self, total: _Numbers, points_m: _Vectors, normals: _Vectors, light: Light) -> None:
         ray = np.array(light.centre_m) - points_m
         near = np.flatnonzero((ray**2).sum(axis=1) < _REACH_M**2)
         ray = ray[near]
@@ -91,18 +90,13 @@ class VoxelLighting:
         # The half metre squared keeps surfaces right beside a lamp from burning out.
         total[near] += seen * light.power * weight / (distance**2 + 0.25)
 
-    def _look_up(self, level: _Voxels, points_m: _Vectors) -> Float64[np.ndarray, " n"]:
+    def _look_up(self, level: _Voxels, points_m: _Vectors) -> _Numbers:
         return level[self._indices(points_m, level.shape)].astype(np.float64)
 
     def _indices(self, points_m: _Vectors, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
         """Layer, row and column of the voxel of every point, or of the nearest voxel."""
         cells = ((points_m - self._origin_m) / VOXEL_M).astype(np.int64)
         return tuple(np.clip(cells[:, 2 - axis], 0, shape[axis] - 1) for axis in range(3))
-
-
-def to_linear(srgb: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Light intensity of sRGB values in 0..1 (by the plain power law, near enough for paint)."""
-    return srgb**2.2
 
 
 def to_srgb(linear: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:

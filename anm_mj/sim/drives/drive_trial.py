@@ -7,8 +7,7 @@ from pathlib import Path
 import mujoco
 
 from anm_mj.frames import wrap_angle
-from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
-from anm_mj.mjcf.read_mjcf import TIMESTEPS_S
+from anm_mj.mjcf.read_mjcf import TIMESTEPS_S, quiet_mujoco
 from anm_mj.robot.compiled_robot import height_range_m
 from anm_mj.robot.description import RobotDescription
 from anm_mj.sim.drives.physics_drive import UNSTABLE, PhysicsDrive

@@ -58,37 +58,6 @@ def vase(colour: Colour, seed: int) -> Parts:
         yield ball(0.03, blossoms[k % 3], 6, 0.8).placed(tip[0], tip[1], 0.0, tip[2] - 0.01)
 
 
-def basket(radius_m: float, height_m: float, weave: Material) -> Quads:
-    """An open basket or bin."""
-    inner = radius_m - 0.015
-    profile = [(0.8 * radius_m, 0.0), (radius_m, height_m), (inner, height_m), (0.78 * inner, 0.03), (0.0, 0.03)]
-    return lathe(profile, weave, 14)
-
-
-def pair_of_shoes(colour: Colour) -> Quads:
-    """Two shoes side by side, toes towards -y."""
-    leather, sole = plain(colour), plain(rgb("efe9df"))
-    shoe = join(
-        box((-0.045, -0.14, 0.0), (0.045, 0.13, 0.02), sole, "-z"),
-        cushion((-0.043, -0.135, 0.01), (0.043, 0.125, 0.075), 0.03, leather, "-z"),
-        cushion((-0.038, 0.0, 0.05), (0.038, 0.12, 0.12), 0.02, leather, "-z", segments=1),
-    )
-    return join(shoe.placed(-0.06), shoe.placed(0.07, 0.03, 9.0))
-
-
-@joined
-def toy_blocks(seed: int) -> Parts:
-    """Building blocks, scattered over half a metre, and a tower of three."""
-    rng = np.random.default_rng(seed)
-    colours = [plain(rgb(code)) for code in ("d1495b", "edae49", "00798c", "66a182", "8d5fa8")]
-    blocks = [box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.06), colour, "-z") for colour in colours]
-    for k in range(7):
-        x, y = rng.uniform(-0.22, 0.22, 2)
-        yield blocks[k % 5].placed(x, y, rng.uniform(0, 90))
-    for k in range(3):
-        yield blocks[1].placed(0.3, 0.1, 15.0 * k, 0.06 * k)
-
-
 def teddy(colour: Colour) -> Quads:
     """A sitting bear that faces -y."""
     fur, light = plain(colour, 0.15), plain(rgb("e6cfa8"), 0.1)
@@ -120,11 +89,3 @@ def carton(width_m: float, depth_m: float, height_m: float) -> Quads:
         box((-x, -y, 0.0), (x, y, height_m), board, "-z"),
         box((-0.025, -y - 0.001, 0.6 * height_m), (0.025, y + 0.001, height_m + 0.001), tape, "-z"),
     )
-
-
-def ball_on_floor(radius_m: float, colour: Colour) -> Quads:
-    """A ball with a white belt."""
-    latitudes = np.linspace(-math.pi / 2, math.pi / 2, 11)
-    profile = [(radius_m * math.cos(a), radius_m * (1.0 + math.sin(a))) for a in latitudes]
-    skin, belt = plain(colour), plain(rgb("f4f1de"))
-    return join(lathe(profile[:5], skin, 16), lathe(profile[4:7], belt, 16), lathe(profile[6:], skin, 16))

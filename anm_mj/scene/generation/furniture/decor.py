@@ -4,18 +4,7 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.generation.quads import (
-    Material,
-    Parts,
-    Quads,
-    box,
-    cushion,
-    cylinder,
-    grid_quads,
-    join,
-    joined,
-    lathe,
-)
+from anm_mj.scene.generation.quads import Material, Parts, Quads, box, cushion, grid_quads, join, joined, lathe
 from anm_mj.scene.generation.textures import Colour, glow, plain, rgb, rug, spots
 
 _DARK = plain(rgb("2b2d31"))
@@ -27,21 +16,6 @@ def rug_on_floor(size_m: tuple[float, float], ground: Colour, border: Colour, mo
     """A carpet, low enough to drive over."""
     x, y = size_m[0] / 2, size_m[1] / 2
     return box((-x, -y, 0.0), (x, y, _RUG_THICKNESS_M), rug(ground, border, motif, size_m), "-z")
-
-
-def ceiling_lamp(ceiling_m: float, shade: Colour) -> Quads:
-    """A flat round lamp below the ceiling."""
-    drum = [(0.0, ceiling_m - 0.12), (0.19, ceiling_m - 0.12), (0.22, ceiling_m - 0.03), (0.22, ceiling_m)]
-    return lathe(drum, glow(shade), 16)
-
-
-def floor_lamp(shade: Colour) -> Quads:
-    """A lamp 1.6 m high on a thin pole."""
-    return join(
-        lathe([(0.15, 0.0), (0.15, 0.025), (0.02, 0.035)], _DARK, 14),
-        cylinder(0.013, 0.03, 1.4, _DARK, 8),
-        lathe([(0.0, 1.36), (0.2, 1.36), (0.14, 1.62), (0.0, 1.62)], glow(shade), 16),
-    )
 
 
 def table_lamp(shade: Colour, foot: Material) -> Quads:
@@ -97,18 +71,6 @@ def picture(width_m: float, height_m: float, z_m: float, image: Material, frame:
         box((-x - bar, -0.025, z_m), (-x, 0.0, z_m + height_m), frame, "+y -z +z"),
         box((x, -0.025, z_m), (x + bar, 0.0, z_m + height_m), frame, "+y -z +z"),
     )
-
-
-def curtain(width_m: float, z_low_m: float, z_high_m: float, cloth: Material) -> Quads:
-    """A gathered curtain before a wall along y = 0."""
-    num = max(6, round(width_m / 0.035))
-    x = np.linspace(-width_m / 2, width_m / 2, num)
-    front = np.stack([x, -0.06 - 0.025 * np.cos(np.arange(num) * math.pi)], axis=-1)
-    outline = np.concatenate([front, front[::-1] + np.array([0.0, 0.012]), front[:1]])
-    points = np.stack([np.insert(outline, 2, z, axis=1) for z in (z_low_m, z_high_m)])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
-    uv = np.stack(np.broadcast_arrays(along[None, :], np.array([[z_low_m], [z_high_m]])), axis=-1)
-    return grid_quads(points, uv, cloth)
 
 
 def television(width_m: float, screen: Material) -> Quads:

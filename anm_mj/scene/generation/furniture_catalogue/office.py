@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
-from anm_mj.scene.generation.piece import Design, Piece, against_wall, furniture, on_wall
-from anm_mj.scene.generation.quads import Quads, box, join, lathe
+from anm_mj.scene.generation.furniture import clutter, decor, standing
+from anm_mj.scene.generation.furniture_catalogue.kitchen_and_bath import counter, sink
+from anm_mj.scene.generation.piece import Design, Piece, against_wall, on_wall
+from anm_mj.scene.generation.quads import box, join, lathe
 from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb
 
 _GREY = plain(rgb("c9ccd1"), 0.03)
 
 
-@furniture
 def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Design:
     width, depth = 1.5, 0.7
     total = per_side * width
@@ -27,16 +27,15 @@ def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Design
     yield box((-total / 2, -0.015, 0.3), (total / 2, 0.015, 1.2), s.paint)
     for (x, side), turn, seed, out in zip(seats, turns, seeds, away, strict=True):
         place = join(
-            tables.desk(width - 0.01, depth, s.wood, WHITE),
+            standing.desk(width - 0.01, depth, s.wood, WHITE),
             decor.monitor(landscape(seed, 0.57, 0.31)).placed(-0.1, -0.02, 0.0, 0.74),
             clutter.cup(s.colours[seed % len(s.colours)]).placed(-0.55, -0.4, 0.0, 0.74),
             clutter.stack_of_books(1 + seed % 4, seed).placed(0.55, -0.3, 10.0, 0.74),
-            seating.office_chair(DARK, s.cloth).placed(-0.1, -0.9 - out, 180.0 + turn),
+            standing.office_chair(DARK, s.cloth).placed(-0.1, -0.9 - out, 180.0 + turn),
         )
         yield place.placed(0.0, -0.02).placed(x, 0.0, 0.0 if side < 0 else 180.0)
 
 
-@furniture
 def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
     per_side = seats // 2
     width, depth = 0.8 * per_side, 1.1
@@ -48,15 +47,14 @@ def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Design:
     turns = [float(rng.uniform(-35.0, 35.0)) for _ in places]
     chairs = [(x - 0.32, y - 0.32, x + 0.32, y + 0.32) for x, y, _ in places]
     yield Piece("meeting table", "middle", ((-width / 2, -depth / 2, width / 2, depth / 2), *chairs), 0.45, 0.9)
-    yield tables.table(width, depth, 0.74, s.wood, leg_m=0.06)
+    yield standing.table(width, depth, 0.74, s.wood, leg_m=0.06)
     for (x, y, side), turn in zip(places, turns, strict=True):
-        yield seating.office_chair(METAL, s.cloth).placed(x, y, (0.0 if side > 0 else 180.0) + turn)
+        yield standing.office_chair(METAL, s.cloth).placed(x, y, (0.0 if side > 0 else 180.0) + turn)
     yield clutter.cup(s.colours[1]).placed(-0.4, 0.3, 0.0, 0.74)
     yield clutter.cup(s.colours[2]).placed(0.5, -0.35, 0.0, 0.74)
     yield clutter.stack_of_books(2, seats).placed(0.1, 0.1, 30.0, 0.74)
 
 
-@furniture
 def whiteboard(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.2, 2.0)), int(rng.integers(1000))
     yield on_wall("whiteboard", width / 2 + 0.05, 0.05, 1.95)
@@ -64,26 +62,20 @@ def whiteboard(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield decor.picture(0.4, 0.3, 1.45, abstract(seed, 0.4, 0.3), WHITE).placed(0.3, -0.012)
 
 
-@furniture
 def filing(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.choice([0.8, 1.2])), int(rng.integers(1000))
     yield against_wall("filing cabinet", width, 0.54, 1.35, 0.6)
-    yield tables.chest(width, 0.5, 1.0, 3, _GREY, _GREY)
+    yield standing.chest(width, 0.5, 1.0, 3, _GREY, _GREY)
     if seed % 2:
-        yield _printer().placed(0.0, -0.28, 0.0, 1.0)
+        yield join(
+            box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
+            box((-0.2, -0.3, 0.06), (0.2, -0.2, 0.08), DARK),
+            box((0.08, -0.205, 0.18), (0.2, -0.2, 0.23), glow(rgb("3d6f8e")), "+y"),
+        ).placed(0.0, -0.28, 0.0, 1.0)
     else:
         yield decor.plant(0.4, 9, plain(s.colours[3]), seed).placed(0.1, -0.25, 0.0, 1.0)
 
 
-def _printer() -> Quads:
-    return join(
-        box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
-        box((-0.2, -0.3, 0.06), (0.2, -0.2, 0.08), DARK),
-        box((0.08, -0.205, 0.18), (0.2, -0.2, 0.23), glow(rgb("3d6f8e")), "+y"),
-    )
-
-
-@furniture
 def copier(s: RoomStyle, rng: np.random.Generator) -> Design:
     shell = plain(rgb("dcdee1"), 0.02)
     yield against_wall("copier", 1.26, 0.68, 1.02, 0.7)
@@ -95,20 +87,17 @@ def copier(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield box((-0.1, -0.67, 0.9), (0.2, -0.66, 0.98), glow(rgb("4d86a8")), "+y")
 
 
-@furniture
 def racks(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.0, 1.6)), int(rng.integers(1000))
     yield against_wall("shelves", width, 0.4, 2.0, 0.6)
-    yield storage.bookcase(width, 2.0, 5, METAL, seed, 0.4)
+    yield standing.bookcase(width, 2.0, 5, METAL, seed, 0.4)
 
 
-@furniture
 def lockers(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield against_wall("lockers", 1.2, 0.5, 1.9, 0.6)
-    yield storage.wardrobe(1.2, 1.9, 0.45, METAL, s.paint, DARK)
+    yield standing.wardrobe(1.2, 1.9, 0.45, METAL, s.paint, DARK)
 
 
-@furniture
 def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.8, 2.4)), int(rng.integers(1000))
     x = width / 2
@@ -120,37 +109,34 @@ def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Design:
     yield box((x - 0.04, -0.26, 0.0), (x, 0.35, 0.7), s.paint, "-z +z")
     yield decor.television(0.5, abstract(seed, 0.47, 0.25)).placed(0.3, 0.05, 180.0, 0.74)
     yield clutter.vase(s.colours[2], seed).placed(-x + 0.25, -0.25, 0.0, 1.09)
-    yield seating.office_chair(DARK, s.cloth_2).placed(0.2, 0.75, 160.0)
+    yield standing.office_chair(DARK, s.cloth_2).placed(0.2, 0.75, 160.0)
 
 
-@furniture
 def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.8, 2.6)), int(rng.integers(1000))
     yield against_wall("laboratory bench", width, 0.66, 1.5, 0.8)
-    yield kitchen.counter(width, _GREY, DARK)
-    yield kitchen.sink().placed(-width / 2 + 0.4, 0.0, 0.0, 0.9)
+    yield counter(width, _GREY, DARK)
+    yield sink().placed(-width / 2 + 0.4, 0.0, 0.0, 0.9)
     yield decor.television(0.5, abstract(seed, 0.47, 0.25)).placed(0.4, -0.25, 10.0, 0.9)
     for k in range(3):
         yield clutter.bottle(s.colours[k]).placed(-0.1 + 0.11 * k, -0.15, 0.0, 0.9)
     yield box((width / 2 - 0.5, -0.45, 0.9), (width / 2 - 0.1, -0.1, 1.2), s.paint, "-z")
 
 
-@furniture
 def laboratory_island(s: RoomStyle, rng: np.random.Generator) -> Design:
     width, seed = float(rng.uniform(1.5, 2.0)), int(rng.integers(1000))
     stools = [(x, y) for x in (-0.35 * width, 0.35 * width) for y in (-0.68, 0.68)]
     solids = [(-width / 2, -0.45, width / 2, 0.45), *((x - 0.19, y - 0.19, x + 0.19, y + 0.19) for x, y in stools)]
     yield Piece("laboratory table", "middle", tuple(solids), 0.5, 1.1)
-    yield tables.table(width, 0.9, 0.92, METAL, leg_m=0.05, shelf=True)
+    yield standing.table(width, 0.9, 0.92, METAL, leg_m=0.05, shelf=True)
     for x, y in stools:
-        yield seating.stool(METAL, DARK).placed(x, y)
+        yield standing.stool(METAL, DARK).placed(x, y)
     for k in range(4):
         yield clutter.bottle(s.colours[k]).placed(-0.3 + 0.14 * k, 0.1, 0.0, 0.92)
     yield clutter.carton(0.3, 0.25, 0.2).placed(0.5, -0.1, 20.0, 0.92)
     yield clutter.stack_of_books(2, seed).placed(-0.55, -0.15, 0.0, 0.92)
 
 
-@furniture
 def water_dispenser(s: RoomStyle, rng: np.random.Generator) -> Design:
     bottle = [(0.05, 0.0), (0.13, 0.05), (0.13, 0.3), (0.1, 0.34), (0.0, 0.34)]
     yield against_wall("water dispenser", 0.36, 0.36, 1.35, 0.5)

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from anm_mj.errors import SceneError
-from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
-from anm_mj.mjcf.read_mjcf import TIMESTEPS_S, OutsideError, read_spec, root_tag
+from anm_mj.mjcf.read_mjcf import TIMESTEPS_S, OutsideError, quiet_mujoco, read_spec, root_tag
 from anm_mj.utils.file_limits import limit
 
 _SETTLE_S = 10.0
