@@ -18,10 +18,7 @@ LEAF_CELLS = 0.25
 
 
 def clear_edges(
-    topdown: TopDownMap,
-    start_xy_m: Float[np.ndarray, "n 2"],
-    end_xy_m: Float[np.ndarray, "n 2"],
-    least_m: float,
+    topdown: TopDownMap, start_xy_m: Float[np.ndarray, "n 2"], end_xy_m: Float[np.ndarray, "n 2"], least_m: float
 ) -> Bool[np.ndarray, " n"]:
     """Whether each edge between world points keeps a clearance on all of its length [m].
 

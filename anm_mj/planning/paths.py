@@ -149,10 +149,7 @@ def _clearance(
 ) -> Float[np.ndarray, "*n"]:
     rows, cols = topdown.clearance_m.shape
     origin_x, origin_y = topdown.origin_xy_m.tolist()
-    col, row = (
-        np.floor((x_m - origin_x) / topdown.resolution_m),
-        np.floor((y_m - origin_y) / topdown.resolution_m),
-    )
+    col, row = (np.floor((x_m - origin_x) / topdown.resolution_m), np.floor((y_m - origin_y) / topdown.resolution_m))
     inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
     cell = np.where(inside, row * cols + col, 0).astype(np.int64)
     return np.where(inside, topdown.clearance_m.ravel()[cell].astype(float), -np.inf)

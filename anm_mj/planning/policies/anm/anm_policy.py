@@ -27,16 +27,7 @@ from anm_mj.planning.policies.anm.anm_config import AnmConfig
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
-from anm_mj.types import (
-    ARRIVED_M,
-    FORWARD_STEP_M,
-    Action,
-    Candidate,
-    Observation,
-    Plan,
-    StopReason,
-    SurfacePoints,
-)
+from anm_mj.types import ARRIVED_M, FORWARD_STEP_M, Action, Candidate, Observation, Plan, StopReason, SurfacePoints
 from anm_mj.utils.stopwatch import Stopwatch
 
 EVERYWHERE_M = 1e4

@@ -104,9 +104,7 @@ class AnmS:
         observed = remembered(prior, "observed", (None, 3))
         if observed is not None:
             self.stages.region_finder.continue_from(observed.astype(np.int64))
-        self.targets.continue_from(
-            *(remembered(prior, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")),
-        )
+        self.targets.continue_from(*(remembered(prior, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")))
 
     def observe(self, observation: Observation) -> None:
         """Take note of what lies ahead, and of which regions come into view at the target."""

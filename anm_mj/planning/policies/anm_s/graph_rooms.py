@@ -58,13 +58,7 @@ def segment_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np
     # Without an edge NumPy counts in integers.
     floor_of_vertex_m2 = np.bincount(graph.edges[:, 0], places.floor_m2, len(graph.vertex_xy_m)).astype(float)
     part = merge_into_rooms(
-        graph.edges,
-        places.clearance_m,
-        may_be_door,
-        graph.clearance_m,
-        floor_of_vertex_m2,
-        NARROWING,
-        MIN_ROOM_M2,
+        graph.edges, places.clearance_m, may_be_door, graph.clearance_m, floor_of_vertex_m2, NARROWING, MIN_ROOM_M2
     )
     num = int(part.max(initial=-1)) + 1
     floor_m2 = np.bincount(part, floor_of_vertex_m2, num).astype(float)

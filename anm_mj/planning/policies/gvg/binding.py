@@ -19,12 +19,7 @@ _EDGE = 1.0
 
 
 def unbound_shares(
-    rays: Rays,
-    distance_m: Float[np.ndarray, "n rays"],
-    occupancy: PooledOccupancy,
-    *,
-    side: int,
-    bound_share: float,
+    rays: Rays, distance_m: Float[np.ndarray, "n rays"], occupancy: PooledOccupancy, *, side: int, bound_share: float
 ) -> Float[np.ndarray, "n azimuths"]:
     """Share that views lack of what it takes to bind the position, for each place and each sector to look along.
 

@@ -86,12 +86,7 @@ class InformationGain:
         self.range_m = min(config.gain_range_m, camera.range_m)
         """A view is expected to show surface up to this distance [m]."""
         self.occupancy = PooledOccupancy(self.range_m + RIM_M)
-        self._rays = RayCache(
-            self.occupancy,
-            camera=camera,
-            range_m=self.range_m,
-            num_elevations=config.num_elevations,
-        )
+        self._rays = RayCache(self.occupancy, camera=camera, range_m=self.range_m, num_elevations=config.num_elevations)
         self._cache = GainCache(config.candidate_spacing_m)
         self.place_kinds = PlaceKinds()
         self._yield_of_kind = np.ones(len(KINDS), np.float32)

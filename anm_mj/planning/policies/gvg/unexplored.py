@@ -20,13 +20,7 @@ MIN_SURFACE_LIKELIHOOD = 0.5
 
 
 def unexplored_patches(
-    occupancy: PooledOccupancy,
-    topdown: TopDownMap,
-    pose: Pose2,
-    *,
-    safe_m: float,
-    range_m: float,
-    camera: FieldOfView,
+    occupancy: PooledOccupancy, topdown: TopDownMap, pose: Pose2, *, safe_m: float, range_m: float, camera: FieldOfView
 ) -> tuple[UnexploredPatch, ...]:
     """The largest patches of unknown cells next to known free ones, largest first.
 
