@@ -35,12 +35,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.geometry.connected_components import connected_components
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
-from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
+from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates, best_first, room_name
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
-from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
@@ -63,10 +63,6 @@ from anm_mj.types import (
     Region,
     StopReason,
 )
-
-FULL_ROTATION = round(math.tau / TURN_STEP_RAD)
-"""Turns of a full rotation."""
-
 
 USUAL_VIEW_RAD = math.pi / 2.0
 """Field of view that ``well_in_view_deg`` is meant for; in narrower views it is less in proportion [rad]."""
@@ -98,7 +94,6 @@ class AnmS:
 
     def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Take over where a prior run was, and what it gave up."""
-        del mapper
         self.stages.continue_from(prior)
         self._prior = prior.poses
         observed = remembered(prior, "observed", (None, 3))
@@ -239,7 +234,7 @@ class AnmS:
         what = "every vertex is visited and no region is left" if reachable else "no vertex of the graph can be reached"
         if not self._rotated:
             self._rotated = True
-            return Plan(f"{what}: another full rotation", actions=(Action.TURN_LEFT,) * FULL_ROTATION)
+            return Plan(f"{what}: another full rotation", actions=(Action.TURN_LEFT,) * NUM_HEADINGS)
         if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
             return Plan(f"{what}: {TRY_AGAIN}", actions=(Action.TURN_LEFT,))
         num_parts = len(np.unique(connected_components(now.graph.edges, len(reached))[~reached]))
