@@ -16,7 +16,6 @@ class BorderPoints:
     """
 
     def __init__(self) -> None:
-        """Start with a map without cells."""
         self._shape: tuple[int, ...] = (0, 0)
         self._surface = [_Points() for _ in _NEIGHBOURS]
         self._frontier = [_Points() for _ in _NEIGHBOURS]

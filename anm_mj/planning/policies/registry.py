@@ -93,11 +93,8 @@ def needs_truth(name: str) -> bool:
 
 
 def policy_class(name: str) -> Any:
-    """The class of a policy. Raises PlanError if the name is unknown, or the module or class cannot be found or lacks a
-    method, and InstallError if the package itself lacks a part.
-
-    Args:
-        name: a key of :func:`policies`, or ``module:Class`` for one of the user's own.
+    """The class of a policy, by a key of :func:`policies` or ``module:Class``. Raises PlanError if the name is unknown,
+    or the module or class cannot be found or lacks a method, and InstallError if the package itself lacks a part.
     """
     module_name, _, class_name = policy_entry(name).path.partition(":")
     try:

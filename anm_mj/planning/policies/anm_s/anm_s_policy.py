@@ -37,7 +37,7 @@ from jaxtyping import Float, Int
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.narrow_gaps import narrow_gaps
+from anm_mj.planning.paths import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates, best_first, room_name
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
@@ -197,7 +197,7 @@ class AnmS:
 
     def _to_a_gap(self, now: RegionState) -> Plan | None:
         """To the nearest place beside a passage that seemed too narrow from afar, and a look into it."""
-        vertices, beyond_m = narrow_gaps(now)
+        vertices, beyond_m = narrow_gaps(now.paths)
         return self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
 
     def _to_a_look(
@@ -235,7 +235,7 @@ class AnmS:
         if not self._rotated:
             self._rotated = True
             return Plan(f"{what}: another full rotation", actions=(Action.TURN_LEFT,) * NUM_HEADINGS)
-        if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
+        if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now.paths)[0]) and self.stages.drop_margin()):
             return Plan(f"{what}: {TRY_AGAIN}", actions=(Action.TURN_LEFT,))
         num_parts = len(np.unique(connected_components(now.graph.edges, len(reached))[~reached]))
         complete = reachable and not self.stages.is_cut_off(reached)

@@ -49,9 +49,7 @@ def prune_spurs(graph: VoronoiGraph, borders_unknown: Bool[np.ndarray, " n"]) ->
 def decision_vertices(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
     """Nodes of the pruned graph, and vertices on its long edges and in its small parts, in ascending order.
 
-    Args:
-        graph: the road map.
-        kept: vertices that :func:`prune_spurs` left.
+    ``kept`` are the vertices that :func:`prune_spurs` left.
     """
     used = kept[graph.edges].all(axis=1)
     edges = graph.edges[used]
@@ -87,9 +85,7 @@ def contracted_edges(
 ) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, "c 2"]]:
     """The contracted edge that contains each edge, and the nodes at both ends of each; -1 for circles without a node.
 
-    Args:
-        edges: between vertices, each of which is a node or has two edges.
-        node: where contracted edges end.
+    A vertex that is no node has two edges.
     """
     inner = ~node[edges]
     label = connected_components(edges[inner.all(axis=1)], len(node))

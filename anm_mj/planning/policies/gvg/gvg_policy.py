@@ -100,7 +100,6 @@ class Gvg:
 
     def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Expect nothing of views that a prior run had already, and go on where it lost its patience."""
-        del mapper
         self._stages.continue_from(prior)
         self._prior = prior.poses
         self._tried = remembered(prior, "tried", (None, 4))

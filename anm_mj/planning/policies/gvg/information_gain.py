@@ -72,12 +72,7 @@ class InformationGain:
     """Computes expected gains of places, and keeps those that no change of the map has made stale."""
 
     def __init__(self, config: GvgConfig, camera: FieldOfView) -> None:
-        """Start with an empty map.
-
-        Args:
-            config: range, elevations and limits of the gain.
-            camera: the robot's, the same at every place.
-        """
+        """Start with an empty map; the robot's camera is the same at every place."""
         self._config = config
         self.camera = camera
         self.view_side = camera.side_sectors

@@ -33,7 +33,6 @@ class PlaceKinds:
     """The kind of each column as of the last full decision."""
 
     def __init__(self) -> None:
-        """Start with all columns of the first kind."""
         self._first_high = np.iinfo(np.int64).max
         """Flat index into the occupancy from which on all is high."""
         self._first: UInt8[np.ndarray, "rows cols"] = np.zeros((1, 1), np.uint8)

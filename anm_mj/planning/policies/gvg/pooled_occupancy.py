@@ -56,14 +56,8 @@ class PooledOccupancy:
     def update(
         self, grid: OccupancyGrid, window: Window | None
     ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-        """Pool the cells of a window again.
-
-        Args:
-            grid: the occupancy.
-            window: rows and columns in which voxels may have changed since the last update; None for none.
-
-        Returns:
-            Corners of the part in which cells have changed [m]; None when none has.
+        """Pool the cells again of a window in which voxels may have changed since the last update; None for none.
+        Returns the corners of the part in which cells have changed [m]; None when none has.
         """
         self._cover(grid)
         if window is None:

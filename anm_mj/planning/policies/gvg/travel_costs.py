@@ -23,7 +23,6 @@ class TravelCosts:
     """Paths between places: straight where each sees the other, else along the tree of shortest paths."""
 
     def __init__(self, tree: ShortestPathTree) -> None:
-        """Start without any path."""
         self._tree = tree
         self._paths: dict[int, _Path] = {-1: (np.zeros(0, np.int64), 0.0, 0.0)}
 
