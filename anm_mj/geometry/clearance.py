@@ -37,11 +37,6 @@ class Clearance:
         self._mesh_placement = coal.Transform3s.Identity()
         self._collision_request = coal.CollisionRequest()
 
-    @property
-    def footprint(self) -> Footprint:
-        """The cylinder under test."""
-        return self._footprint
-
     def collides(self, pose: Pose2) -> bool:
         """Whether the footprint touches a triangle at a pose; takes tens of microseconds."""
         return self._collides(self._cylinder, pose)
@@ -79,14 +74,11 @@ class Clearance:
         if self._mesh is None:
             return False
         result = coal.CollisionResult()
-        placement = self._placement(pose)
-        coal.collide(self._mesh, self._mesh_placement, shape, placement, self._collision_request, result)
-        return result.isCollision()
-
-    def _placement(self, pose: Pose2) -> coal.Transform3s:
         c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
         rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return coal.Transform3s(rotation, np.array([pose.x_m, pose.y_m, self._mid_z_m]))
+        placement = coal.Transform3s(rotation, np.array([pose.x_m, pose.y_m, self._mid_z_m]))
+        coal.collide(self._mesh, self._mesh_placement, shape, placement, self._collision_request, result)
+        return result.isCollision()
 
 
 def _build_tree(

@@ -140,23 +140,15 @@ def segments_clear(
     clear = np.ones(len(start_xy_m), bool)
     # A few samples find most segments that are not clear.
     for samples in (share[::COARSE_STRIDE], share):
-        start, along = start_xy_m[clear, :, None], (end_xy_m - start_xy_m)[clear, :, None]
-        xy = start + along * samples
-        clear[clear] = _are_clear(topdown, xy[:, 0], xy[:, 1], safe_m, pose).all(axis=1)
-    return clear
-
-
-def _are_clear(
-    topdown: TopDownMap, x_m: Float[np.ndarray, "n k"], y_m: Float[np.ndarray, "n k"], safe_m: float, pose: Pose2 | None
-) -> Bool[np.ndarray, "n k"]:
-    clearance = _clearance(topdown, x_m, y_m)
-    clear = clearance >= safe_m
-    if pose is not None:
-        here = float(clearance_at(topdown, pose.xy_m[None])[0])
-        tight = np.nonzero(~clear)
-        x, y = x_m[tight] - pose.x_m, y_m[tight] - pose.y_m
-        near = np.sqrt(x**2 + y**2) < NEAR_ROBOT_M
-        clear[tight] = near & (clearance[tight] >= min(safe_m, here - topdown.resolution_m))
+        x_m, y_m = (start_xy_m[clear, :, None] + (end_xy_m - start_xy_m)[clear, :, None] * samples).swapaxes(0, 1)
+        clearance = _clearance(topdown, x_m, y_m)
+        enough = clearance >= safe_m
+        if pose is not None:
+            here_m = float(clearance_at(topdown, pose.xy_m[None])[0]) - topdown.resolution_m
+            tight = np.nonzero(~enough)
+            near = np.sqrt((x_m[tight] - pose.x_m) ** 2 + (y_m[tight] - pose.y_m) ** 2) < NEAR_ROBOT_M
+            enough[tight] = near & (clearance[tight] >= min(safe_m, here_m))
+        clear[clear] = enough.all(axis=1)
     return clear
 
 

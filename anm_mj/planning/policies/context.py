@@ -5,7 +5,7 @@ from typing import Generic, TypeVar
 
 from anm_mj.errors import PlanError
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.goals import DEFAULT_GOAL
+from anm_mj.planning.policies.registry import DEFAULT_GOAL
 from anm_mj.types import Footprint
 from anm_mj.utils.settings import Settings
 

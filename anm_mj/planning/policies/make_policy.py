@@ -4,8 +4,8 @@ from typing import Any
 
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies import registry
-from anm_mj.planning.policies.context import DEFAULT_GOAL, PolicyContext
-from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import DEFAULT_GOAL, DEFAULT_POLICY, default_settings
 from anm_mj.protocols import Policy
 from anm_mj.types import Footprint
 

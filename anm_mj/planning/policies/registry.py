@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from anm_mj.protocols import Policy
 
 DEFAULT_POLICY = "gvg"
+GOALS = ("coverage", "reconstruction", "both")
+"""What a run is for: to see all surface; to know it well; first the one, then the other."""
+DEFAULT_GOAL = "both"
 ENTRY_POINTS = "anm_mj.policies"
 """Group of the entry points that name policies of other packages."""
-
 METHODS = ("observe", "plan", "on_collision")
 """What every policy can do."""
 

@@ -44,7 +44,7 @@ from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
-from anm_mj.planning.policies.anm_s.visited import within
+from anm_mj.planning.policies.anm_s.visited import num_within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.stages import TRY_AGAIN
@@ -212,7 +212,7 @@ class AnmS:
         ``look_at`` gives the place to look at from the vertex of a number [m]; the robot looks into ``what``.
         """
         xy = now.graph.vertex_xy_m[vertices]
-        been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
+        been = num_within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M) > 0
         left = np.flatnonzero(~been & ~self.targets.is_given_up(xy))
         if not len(left):
             return None

@@ -12,7 +12,7 @@ from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
 from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.policies.anm_s.visited import seen_around, within
+from anm_mj.planning.policies.anm_s.visited import num_within, seen_around
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import FORWARD_STEP_M, Observation, OccupancyGrid, Region
 
@@ -114,7 +114,7 @@ class CandidateFinder:
         vertex = vertex[np.isfinite(now.paths.distance_m[vertex])]
         vertex = vertex[~self._targets.is_given_up(now.graph.vertex_xy_m[vertex])]
         unvisited = np.isin(vertex, decisions)
-        unvisited &= ~within(now.graph.vertex_xy_m[vertex], trajectory_xy_m, self._config.visited_radius_m)
+        unvisited &= num_within(now.graph.vertex_xy_m[vertex], trajectory_xy_m, self._config.visited_radius_m) == 0
         unseen = unvisited
         if self._config.visited_by == "sight":
             unseen = unvisited & ~seen_around(

@@ -44,13 +44,6 @@ def seen_around(
     return seen
 
 
-def within(
-    xy_m: Float[np.ndarray, "n 2"], places_xy_m: list[Float[np.ndarray, "2"]], radius_m: float
-) -> Bool[np.ndarray, " n"]:
-    """Which points are nearer than ``radius_m`` to any of some places [m]."""
-    return num_within(xy_m, places_xy_m, radius_m) > 0
-
-
 def num_within(
     xy_m: Float[np.ndarray, "n 2"], places_xy_m: list[Float[np.ndarray, "2"]], radius_m: float
 ) -> Int[np.ndarray, " n"]:

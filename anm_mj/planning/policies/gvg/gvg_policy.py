@@ -226,7 +226,7 @@ class Gvg:
             return self._choose(state, candidates, gain)
 
     def _choose(self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain) -> Plan:
-        if not candidates.is_any_worth:
+        if candidates.best_gain_m2 < self.config.min_gain_m2:
             return self._stop(state, candidates)
         table, tours = self._best_tours(state, candidates, gain)
         places = table.places
