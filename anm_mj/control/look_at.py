@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.control.wheel_servo import SOLVER, NoSlip
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.robot.base_joints import SimulatedBase

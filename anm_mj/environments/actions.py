@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from dm_env import specs
 
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.errors import TaskError
 from anm_mj.types import Action, Twist
 

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from typing import Any, cast
 
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import ConfigError, RobotError, TaskError
 from anm_mj.people.people_config import PeopleConfig

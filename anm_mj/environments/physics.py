@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dm_control.rl import control
 
-from anm_mj.control.action_motion import action_profile
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits, action_profile
 from anm_mj.environments.actions import CONTROL_S
 from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene

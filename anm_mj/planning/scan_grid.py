@@ -121,8 +121,11 @@ class ScanGrid:
         hits_xy_m = _between_hits(ends_xy_m, hit)
         struck = self._mask(hits_xy_m)
         self._remember_surface(hits_xy_m)
-        free = self._inside(np.concatenate([camera_xy_m[None], ends_xy_m])) & ~struck
-        free |= self._disc(observation.pose.xy_m, self.footprint.radius_m)
+        outline_xy_m = np.concatenate([camera_xy_m[None], ends_xy_m])
+        col, row = ((outline_xy_m - self.origin_xy_m) / RESOLUTION_M - 0.5).T
+        free = np.zeros(self.log_odds.shape, bool)
+        free[polygon(row, col, free.shape)] = True
+        free = (free & ~struck) | self._disc(observation.pose.xy_m, self.footprint.radius_m)
         self.log_odds[free] = np.maximum(np.nan_to_num(self.log_odds[free]) + PASS, LEAST)
         self.log_odds[struck] = np.minimum(np.nan_to_num(self.log_odds[struck]) + HIT, MOST)
 
@@ -237,12 +240,6 @@ class ScanGrid:
         cells = world_to_cell(xy_m, self.origin_xy_m, RESOLUTION_M)
         cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
         mask[cells[:, 0], cells[:, 1]] = True
-        return mask
-
-    def _inside(self, outline_xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "rows cols"]:
-        mask = np.zeros(self.log_odds.shape, bool)
-        col, row = ((outline_xy_m - self.origin_xy_m) / RESOLUTION_M - 0.5).T
-        mask[polygon(row, col, mask.shape)] = True
         return mask
 
     def _collision(self, xy_m: Float[np.ndarray, "2"], cells: int) -> Bool[np.ndarray, "rows cols"]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.errors import ConfigError
 from anm_mj.frames import pose_matrix
 from anm_mj.ros import names

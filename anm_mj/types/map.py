@@ -14,8 +14,6 @@ OCCUPIED = 1
 """State of a cell that holds a surface."""
 UNKNOWN = -1
 """State of a cell that was never observed."""
-
-
 _EDGE = 1e-6
 """A height this near to a face between two layers lies on it [layers]."""
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.control.look_at import LookAt
-from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.frames import wrap_angle
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive

@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.control.action_motion import action_profile
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits, action_profile
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, pose_matrix, wrap_angle
 from anm_mj.people.people_config import PeopleConfig

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.action_motion import Trapezoid, action_motion, action_profile
-from anm_mj.control.speed_and_acceleration import MotionLimits
+from anm_mj.control.action_motion import MotionLimits, Trapezoid, action_motion, action_profile
 from anm_mj.frames import move_pose
 from anm_mj.geometry.clearance import Clearance
 from anm_mj.localisation.odometry import Odometer

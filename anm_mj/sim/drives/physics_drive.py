@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.action_motion import action_motion, action_profile
+from anm_mj.control.action_motion import action_motion, action_profile, limits_of
 from anm_mj.control.clearance_limit import static_obstacles
-from anm_mj.control.speed_and_acceleration import limits_of
 from anm_mj.control.wheel_servo import BaseServo
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer

@@ -6,9 +6,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.action_motion import Trapezoid
+from anm_mj.control.action_motion import MotionLimits, Trapezoid
 from anm_mj.control.look_at import LookAt, PlanarLookAt
-from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.errors import RobotError
 from anm_mj.localisation.odometry import Odometer, odometer_of
 from anm_mj.people.crowd import Crowd

@@ -15,6 +15,7 @@ Deviations:
 - When no target at all can be reached the robot makes one full rotation; then the run ends.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -107,15 +108,13 @@ class Anm(ScanPolicy):
 
     def _first_candidates(self, mapper: Mapper, routes: GridRoutes) -> tuple[list[Candidate], str]:
         """The targets of the most uncertain share of surface that has any, and where that is, in words."""
-        share, surfaces = 100.0 - self.config.percentile, list[SurfacePoints]()
+        share, near_m = 100.0 - self.config.percentile, self.config.near_m
+        surface = functools.cache(lambda radius_m: mapper.surface(routes.pose.xy_m, radius_m))
         for number in range(math.ceil(100.0 / share)):
             high = 100.0 - number * share
-            for place, radius_m in enumerate((self.config.near_m, EVERYWHERE_M)):
-                if place == len(surfaces):
-                    surfaces.append(mapper.surface(routes.pose.xy_m, radius_m))
-                found = self._candidates(surfaces[place], routes, (max(high - share, 0.0), high))
+            for radius_m, where in ((near_m, f"within {near_m:g} m"), (EVERYWHERE_M, "anywhere")):
+                found = self._candidates(surface(radius_m), routes, (max(high - share, 0.0), high))
                 if found:
-                    where = f"within {radius_m:g} m" if place == 0 else "anywhere"
                     return found, where + f", less uncertain than {100.0 - high:g} % of the surface" * (number > 0)
         return [], ""
 

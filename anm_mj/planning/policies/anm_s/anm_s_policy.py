@@ -2,14 +2,10 @@
 
 After a full rotation at the start, every decision weighs two kinds of vertices: those at which the robot has a decision
 to make (:mod:`~anm_mj.planning.policies.anm_s.decision_vertices`), as long as they are unvisited, and those with a
-region of interest anchored to them. Unvisited vertices beat visited ones; among them, vertices in the local horizon and
-in the view ahead beat others; among these, vertices with a region do. Equals are ordered by room, the robot's own first
-and then from near to far (:mod:`~anm_mj.planning.policies.anm_s.graph_rooms`), and in each room by distance along the
-graph. This is the target "hierarchical"; the paper's ablations are "random" (any unvisited vertex) and "best-anchored"
-(the vertex with the most uncertain region). On arrival the robot turns until every region anchored there has been in
-view. It keeps a target until it reaches it, collides on the way, or sees on the way that the target is no candidate any
-more. With no candidate left the robot makes one more full rotation, as the authors' released code does; then the run
-ends.
+region of interest anchored to them; docs/planning.md tells in which order. This is the target "hierarchical"; the
+paper's ablations are "random" (any unvisited vertex) and "best-anchored" (the vertex with the most uncertain region).
+The robot keeps a target until it reaches it, collides on the way, or sees on the way that the target is no candidate
+any more. With no candidate left it makes one more full rotation, as the authors' released code does; then the run ends.
 
 The tiers, the visited radius and the view ahead are those of the released code, because the paper leaves them open.
 Where paper and code differ, the policy follows the paper: a bootstrap of 36 turns without tilting, both decoders
@@ -36,6 +32,7 @@ from jaxtyping import Float, Int
 
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.planning.borders import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
@@ -43,7 +40,6 @@ from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, C
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.visited import num_within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
@@ -129,7 +125,11 @@ class AnmS:
             if plan is not None:
                 self._rotated = False
                 return plan
-        return self._to_the_unknown(now) or self._to_a_gap(now) or self._without_candidates(now)
+        plan = self._to_the_unknown(now)
+        if plan is None:
+            vertices, beyond_m = narrow_gaps(now.paths)
+            plan = self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
+        return plan or self._without_candidates(now)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
@@ -194,11 +194,6 @@ class AnmS:
             return now.frontier_xy_m[away <= graph.clearance_m[vertex] + BORDER_WIDTH_M].mean(axis=0)
 
         return self._to_a_look(now, beside, lambda k: middle_of_unknown(int(beside[k])), "the unknown beside one")
-
-    def _to_a_gap(self, now: RegionState) -> Plan | None:
-        """To the nearest place beside a passage that seemed too narrow from afar, and a look into it."""
-        vertices, beyond_m = narrow_gaps(now.paths)
-        return self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
 
     def _to_a_look(
         self,

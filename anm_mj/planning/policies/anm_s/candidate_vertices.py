@@ -109,7 +109,10 @@ class CandidateFinder:
         The grid tells how near surface was seen; the trajectory is where the robot has been [m].
         """
         anchored = np.array([region.vertex for region in regions], np.int64)
-        decisions = np.union1d(now.decisions, self._kept(now))
+        decisions = now.decisions
+        if self._targets.unvisited:
+            # The vertex that stands for the present target may be no decision vertex now.
+            decisions = np.union1d(decisions, self._targets.match(now.graph.vertex_xy_m))
         vertex = np.union1d(decisions, anchored)
         vertex = vertex[np.isfinite(now.paths.distance_m[vertex])]
         vertex = vertex[~self._targets.is_given_up(now.graph.vertex_xy_m[vertex])]
@@ -117,9 +120,7 @@ class CandidateFinder:
         unvisited &= num_within(now.graph.vertex_xy_m[vertex], trajectory_xy_m, self._config.visited_radius_m) == 0
         unseen = unvisited
         if self._config.visited_by == "sight":
-            unseen = unvisited & ~seen_around(
-                now.graph, vertex, now.topdown, now.frontier_xy_m, grid, self._footprint, self._config
-            )
+            unseen = unvisited & ~seen_around(now, vertex, grid, self._footprint, self._config)
         guided = np.isin(vertex, anchored) & (self._config.target != "random")
         # When nothing better is left, the robot visits vertices whose surroundings it saw from elsewhere.
         unvisited = unseen if (unseen | guided).any() else unvisited
@@ -132,12 +133,6 @@ class CandidateFinder:
         seen = np.isin(vertex, anchored) & near
         tier = UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * seen + FAILED * failed
         return Candidates(vertex, unvisited, near, tier)
-
-    def _kept(self, now: RegionState) -> Int[np.ndarray, " k"]:
-        """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""
-        if not self._targets.unvisited:
-            return np.zeros(0, np.int64)
-        return self._targets.match(now.graph.vertex_xy_m)
 
     def _in_horizon(self, now: RegionState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from anm_mj.planning.borders import borders_unknown, traversable_frontier
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices, prune_spurs
 from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
 from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
-from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import Footprint, Observation, Plan, Region

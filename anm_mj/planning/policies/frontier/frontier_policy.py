@@ -195,8 +195,18 @@ class Frontier(ScanPolicy):
     def _within_reach(
         self, found: list[_Frontier], routes: GridRoutes
     ) -> list[tuple[_Frontier, Float[np.ndarray, "2"]]]:
-        """The frontiers that the robot can see from a reachable place, each with that place [m]."""
-        return [(f, place) for f in found if (place := self._place(f, routes)) is not None]
+        """The frontiers that the robot can see from a reachable place, each with that place [m]; without those that it
+        gave up or looks at already.
+        """
+        left = []
+        for frontier in found:
+            contact = frontier.contact_xy_m
+            if (np.linalg.norm(self._given_up_xy_m - contact, axis=1) < self.config.given_up_m).any():
+                continue
+            place = routes.nearest(contact)
+            if math.dist(contact, place) < self.config.max_gap_m and not _is_looked_at(contact, place, routes.pose):
+                left.append((frontier, place))
+        return left
 
     def _without_given_up(
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"]
@@ -209,14 +219,6 @@ class Frontier(ScanPolicy):
             rows, cols = cells[KDTree(self._given_up_xy_m).query(xy_m)[0] < self.config.given_up_m].T
             kept[rows, cols] = np.inf
         return kept
-
-    def _place(self, frontier: _Frontier, routes: GridRoutes) -> Float[np.ndarray, "2"] | None:
-        """Where to see a frontier from [m]; None when the robot gave it up, cannot reach it, or looks at it already."""
-        if (np.linalg.norm(self._given_up_xy_m - frontier.contact_xy_m, axis=1) < self.config.given_up_m).any():
-            return None
-        place = routes.nearest(frontier.contact_xy_m)
-        looked_at = _is_looked_at(frontier.contact_xy_m, place, routes.pose)
-        return None if looked_at or math.dist(frontier.contact_xy_m, place) >= self.config.max_gap_m else place
 
 
 def border_hops(topdown: TopDownMap, pose: Pose2) -> Float[np.ndarray, "rows cols"]:

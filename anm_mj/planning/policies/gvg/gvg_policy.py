@@ -7,12 +7,10 @@ tours (:mod:`anm_mj.planning.policies.gvg.view_tours`); turns count as steps, be
 of the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
 present target keeps the policy from changing its mind for little.
 
-The policy decides every few steps and on events. Between full decisions it reuses the plan as long as the target's view
-is expected to show about as much as before.
-
-When no reachable view has new surface worth its steps, coverage is complete. Unless that is the goal, the robot goes on
-where its map is worst: views then also count what they improve of known surface, in the same search. With the goal
-"reconstruction" they do so from the start. The run is complete when neither is worth a step.
+Between full decisions the policy reuses the plan as long as the target's view is expected to show about as much as
+before. When no reachable view has new surface worth its steps, coverage is complete. Unless that is the goal, the robot
+goes on where its map is worst: views then also count what they improve of known surface, in the same search. With the
+goal "reconstruction" they do so from the start.
 """
 
 from dataclasses import replace
@@ -185,7 +183,7 @@ class Gvg:
                 self._gain.suppress_view(Pose2(x, y, yaw))
         if observation.step == self._heard_step:
             self._gain.suppress_view(observation.pose)
-        if self._gain.place_kinds.is_stale(self._gain.occupancy):
+        if self._gain.place_kinds.epoch != self._gain.occupancy.epoch:
             self._gain.place_kinds.update(self._gain.occupancy, observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)

@@ -185,7 +185,11 @@ class InformationGain:
         Views that hit the same patches show the same surface. Rays are ordered by azimuth, then by elevation.
         """
         rays = self._rays.cast(places_xy_m)
-        return self._patches(rays), self._ray_gains(rays)
+        _, rows, cols = self.occupancy.state.shape
+        layer, rest = np.divmod(rays.hit, rows * cols)
+        row, col = np.divmod(rest, cols)
+        patch = layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
+        return patch * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS, self._ray_gains(rays)
 
     def unbound_shares(
         self, places_xy_m: Float[np.ndarray, "n 2"], bound_share: float
@@ -247,15 +251,6 @@ class InformationGain:
     def _kinds(self, cells: Int[np.ndarray, " n"], depth: UInt8[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """Kinds of the places of unknown cells that go on for so many cells along a ray."""
         return self.place_kinds.of(cells, depth * self.occupancy.cell_m >= self._config.max_unknown_depth_m)
-
-    def _patches(self, rays: Rays) -> Int[np.ndarray, "n rays"]:
-        """The patch of space that contains the hit of each ray."""
-        _, rows, cols = self.occupancy.state.shape
-        layer, rest = np.divmod(rays.hit, rows * cols)
-        row, col = np.divmod(rest, cols)
-        return (
-            layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
-        ) * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS  # fmt: skip
 
     def _note_change(self, low_xy_m: Float[np.ndarray, "2"], high_xy_m: Float[np.ndarray, "2"]) -> None:
         """Extend the area in which cells have changed to a box [m]."""
