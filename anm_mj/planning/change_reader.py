@@ -20,10 +20,8 @@ class ChangeReader:
         """The smallest window with all blocks that changed since the reader took them; it takes them now. Returns rows
         and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
 
-        Args:
-            grid: the occupancy; always the same one, as it grows.
-            box_xy_m: lower and upper corner of a box in the world; the reader leaves blocks that do not touch it for
-                later [m]. None = it takes all.
+        The grid is always the same one, as it grows. Blocks that do not touch a box, given by its lower and upper corner
+        in the world [m], are left for later.
         """
         num_rows, num_cols = grid.state.shape[1:]
         if grid.column_version is None:

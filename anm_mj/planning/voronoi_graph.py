@@ -35,14 +35,10 @@ def voronoi_graph(
     *,
     coarse_far_field: bool = False,
 ) -> VoronoiGraph:
-    """The graph of the free plane with at least ``safe_m`` clearance.
+    """The graph of the free plane whose vertices and whole edges have at least ``safe_m`` clearance [m].
 
-    Args:
-        topdown: the map.
-        centre_xy_m: centre of the local horizon [m].
-        config: spacings and horizon.
-        safe_m: least clearance of vertices and of whole edges [m].
-        coarse_far_field: whether the border is sampled yet more coarsely far beyond the horizon.
+    ``centre_xy_m`` is the centre of the local horizon [m]; with ``coarse_far_field`` the border is sampled yet more
+    coarsely far beyond it.
     """
     sites = border_sites(topdown, centre_xy_m, config, coarse_far_field=coarse_far_field)
     if len(sites) < 4:

@@ -13,7 +13,6 @@ class RandomWalk:
     """Draws a new action at every step; a collision costs a step and changes nothing."""
 
     def __init__(self, context: PolicyContext[PolicyConfig]):
-        """Take the seed; the policy has no settings and asks for no body."""
         self._rng = np.random.default_rng(context.seed)
 
     def observe(self, observation: Observation) -> None:

@@ -170,7 +170,6 @@ class AnmS:
         )
 
     def _why(self, now: RegionState, candidates: Candidates, chosen: int) -> str:
-        """Why a candidate is the best one."""
         tier = int(candidates.tier[chosen])
         near = candidates.near[chosen]
         where = "the local horizon" if near else room_name(now, int(candidates.vertex[chosen]))

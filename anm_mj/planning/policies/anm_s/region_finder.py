@@ -36,7 +36,6 @@ class RegionFinder:
     """Remembers the uncertainty of the surface seen so far and finds regions in it."""
 
     def __init__(self, config: PlanningConfig):
-        """Start without any surface."""
         self.config = config
         self._points = SurfacePoints(
             np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
@@ -96,11 +95,8 @@ class RegionFinder:
     ) -> tuple[Region, ...]:
         """The regions that some vertex sees, most uncertain first.
 
-        Args:
-            graph: the road map.
-            grid: what may stand between a vertex and a region.
-            camera_height_m: height that vertices look from [m].
-            preferred: regions are anchored to these vertices if one of them sees them, else to others.
+        Regions are anchored to one of the ``preferred`` vertices if one sees them, else to others. Vertices look from
+        ``camera_height_m`` [m]; the grid tells what stands between.
         """
         points, self._cubes_of = self._points, {}
         if not len(points.uncertainty) or not len(graph.vertex_xy_m):

@@ -97,7 +97,6 @@ class NarrowDoors:
     def _look(
         self, state: PlanningState, vertex: int, beside_m: Float[np.ndarray, "2"], beyond_m: Float[np.ndarray, "2"]
     ) -> Plan:
-        """The plan that looks at a passage from before it."""
         middle_m = (state.graph.vertex_xy_m[vertex] + beyond_m) / 2
         again = self._num_looks(middle_m) > 0
         self._looked_at_m.append(middle_m)
