@@ -46,12 +46,8 @@ class Clearance:
 
         Along a straight line the footprint sweeps a box between two half-cylinders. The rear one is free already, so
         one exact test of the box and one of the cylinder at the end suffice. Chords within half a millimetre of an arc
-        replace it, and their boxes are wider by that much.
-
-        Args:
-            pose: start of the motion.
-            forward_m: length of the path [m]; negative backwards.
-            turn_rad: turn at a constant rate along the path [rad]; a turn on the spot sweeps nothing new.
+        replace it, and their boxes are wider by that much. The path is ``forward_m`` long [m], negative backwards, with
+        a turn at a constant rate [rad]; a turn on the spot sweeps nothing new.
         """
         # The sagitta of an arc is its length times its angle over eight.
         pieces = max(1, math.ceil(math.sqrt(abs(forward_m * turn_rad) / (8.0 * _SAGITTA_M))))

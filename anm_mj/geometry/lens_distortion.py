@@ -152,12 +152,8 @@ class Undistortion:
 def undistortion(
     camera: Intrinsics, distortion: LensDistortion | None, source: Intrinsics | None = None
 ) -> Undistortion:
-    """What takes distortion out of images; made once per camera.
-
-    Args:
-        camera: Of the images that come out.
-        distortion: Of the others; None = none.
-        source: Their camera, of the same size; None = the same.
+    """What takes distortion out of images; made once per camera, which is that of the images that come out. The others'
+    distortion may be none, and their camera, ``source``, another one of the same size.
     """
     source = source or camera
     col, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)

@@ -20,8 +20,8 @@ class ChangeReader:
         """The smallest window with all blocks that changed since the reader took them; it takes them now. Returns rows
         and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
 
-        The grid is always the same one, as it grows. Blocks that do not touch a box, given by its lower and upper corner
-        in the world [m], are left for later.
+        The grid is always the same one, as it grows. Blocks that do not touch a box, given by its lower and upper
+        corner in the world [m], are left for later.
         """
         num_rows, num_cols = grid.state.shape[1:]
         if grid.column_version is None:
