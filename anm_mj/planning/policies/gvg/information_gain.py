@@ -40,9 +40,6 @@ PATCH_CELLS = 3
 RIM_M = 1.0
 """The occupancy ends this much farther away than rays are long [m]."""
 
-Box = tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
-"""Lower and upper corner in the plane [m]."""
-
 
 @dataclass(frozen=True)
 class ExpectedView:
@@ -87,8 +84,8 @@ class InformationGain:
         self._yield_of_kind = np.ones(len(KINDS), np.float32)
         self._improvement: ExpectedImprovement | None = None
         """What views improve of known surface; None as long as only new surface counts."""
-        self._changed: Box | None = None
-        """Where cells have changed or were suppressed since the cache was last read."""
+        self._changed: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
+        """Corners of the area in which cells have changed or were suppressed since the cache was last read [m]."""
 
     @property
     def seen_m2(self) -> float:
