@@ -88,7 +88,7 @@ class PooledOccupancy:
     def contains(self, xyz_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which world points lie inside."""
         low, high = self.origin_m, self.origin_m + np.array(self.state.shape[::-1]) * self.cell_m
-        return ((xyz_m >= low) & (xyz_m < high)).all(axis=1)
+        return np.all((xyz_m >= low) & (xyz_m < high), axis=1)
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
