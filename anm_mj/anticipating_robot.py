@@ -5,7 +5,7 @@ import math
 from anm_mj.control.path_follower import Follower
 from anm_mj.events import Located, Stepped
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.give_way import in_the_way
+from anm_mj.planning.steps_ahead import in_the_way
 from anm_mj.protocols import Anticipates, Robot
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Twist
 

@@ -18,8 +18,7 @@ from anm_mj.errors import ConfigError
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.mapping.mapping_config import DEVICES, MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
-from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
+from anm_mj.planning.policies.registry import DEFAULT_GOAL, DEFAULT_POLICY, GOALS, default_settings, policy_entry
 from anm_mj.recording.record_config import RecordConfig
 from anm_mj.sim.sensors.sensor_config import sensor_config
 from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, reality_of, require_choice

@@ -9,8 +9,7 @@ import numpy as np
 from anm_mj.errors import MapError
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
-from anm_mj.planning.give_way import held_disc, in_the_way
+from anm_mj.planning.steps_ahead import held_disc, in_the_way, lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch

@@ -24,9 +24,9 @@ from anm_mj.events import Observed
 from anm_mj.explore import explore
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.blocked_path import lookahead_radius_m
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
+from anm_mj.planning.steps_ahead import lookahead_radius_m
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.camera_sensor import Sensor

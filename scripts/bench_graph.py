@@ -22,13 +22,12 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
+from anm_mj.planning.borders import borders_unknown
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import shortest_paths
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
+from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices, prune_spurs
 from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
-from anm_mj.planning.policies.anm_s.spurs import prune_spurs
-from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
 from anm_mj.scene.generation.building_map import generated_map
@@ -176,8 +175,8 @@ def measure(plan: Plan, coarse_far_field: bool, repeats: int) -> Row:
         len(graph.edges),
         ms,
         int(plan.room.max()) + 1,
-        len(rooms.floor_m2),
-        *agreement(rooms.room, plan.room[cell[:, 0], cell[:, 1]], graph.clearance_m**2),
+        int(rooms.max(initial=-1)) + 1,
+        *agreement(rooms, plan.room[cell[:, 0], cell[:, 1]], graph.clearance_m**2),
     )
 
 

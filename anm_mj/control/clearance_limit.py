@@ -34,12 +34,12 @@ does not stop it."""
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """One solid geom of a scene."""
+    """One solid geom of a scene, by MuJoCo's names and in the world [m]."""
 
-    shape: mujoco.mjtGeom
-    size_m: Float[np.ndarray, "3"]
-    position_m: Float[np.ndarray, "3"]
-    quaternion: Float[np.ndarray, "4"]
+    type: mujoco.mjtGeom
+    size: Float[np.ndarray, "3"]
+    pos: Float[np.ndarray, "3"]
+    quat: Float[np.ndarray, "4"]
 
 
 def static_obstacles(model: mujoco.MjModel) -> list[Obstacle]:
@@ -71,13 +71,7 @@ def add_obstacles(spec: mujoco.MjSpec, robot: RobotDescription, obstacles: list[
     )
     static = spec.worldbody.add_body(name="obstacles", mocap=True)
     for number, obstacle in enumerate(obstacles):
-        static.add_geom(
-            name=f"{_OBSTACLE}{number}",
-            type=obstacle.shape,
-            size=obstacle.size_m,
-            pos=obstacle.position_m,
-            quat=obstacle.quaternion,
-        )
+        static.add_geom(name=f"{_OBSTACLE}{number}", **vars(obstacle))
 
 
 class ClearanceLimit(mink.CollisionAvoidanceLimit):

@@ -46,17 +46,16 @@ def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:
     Half the acceleration is allowed at which the wheels or casters on one side lift off, for a body that is rigid.
     """
     most = MotionLimits()
-    forward_mps, turn_radps, forward_mps2 = most.forward_mps, most.turn_radps, most.forward_mps2
-    if robot.wheel_joints:
-        # A reserve of speed lets the servo catch up.
-        rim_mps = 0.9 * max_wheel_radps * robot.wheel_radius_m
-        forward_mps = min(forward_mps, rim_mps)
-        turn_radps = min(turn_radps, 2.0 * rim_mps / (robot.track_m * robot.track_scale))
-        x, height_m = float(robot.centre_of_mass_m[0]), float(robot.centre_of_mass_m[2])
-        along = robot.support_xy_m[:, 0]
-        margin_m = min(float(along.max()) - x, x - float(along.min()))
-        forward_mps2 = min(forward_mps2, max(0.5 * _GRAVITY_MPS2 * margin_m / max(height_m, 1e-3), _LEAST_MPS2))
-    return MotionLimits(forward_mps, forward_mps2, turn_radps, most.turn_radps2)
+    if not robot.wheel_joints:
+        return most
+    # A reserve of speed lets the servo catch up.
+    rim_mps = 0.9 * max_wheel_radps * robot.wheel_radius_m
+    turn_radps = min(most.turn_radps, 2.0 * rim_mps / (robot.track_m * robot.track_scale))
+    x, height_m = float(robot.centre_of_mass_m[0]), float(robot.centre_of_mass_m[2])
+    along = robot.support_xy_m[:, 0]
+    margin_m = min(float(along.max()) - x, x - float(along.min()))
+    forward_mps2 = min(most.forward_mps2, max(0.5 * _GRAVITY_MPS2 * margin_m / max(height_m, 1e-3), _LEAST_MPS2))
+    return MotionLimits(min(most.forward_mps, rim_mps), forward_mps2, turn_radps, most.turn_radps2)
 
 
 def _within(value: float, most: float) -> float:

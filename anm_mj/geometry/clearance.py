@@ -37,11 +37,6 @@ class Clearance:
         self._mesh_placement = coal.Transform3s.Identity()
         self._collision_request = coal.CollisionRequest()
 
-    @property
-    def footprint(self) -> Footprint:
-        """The cylinder under test."""
-        return self._footprint
-
     def collides(self, pose: Pose2) -> bool:
         """Whether the footprint touches a triangle at a pose; takes tens of microseconds."""
         return self._collides(self._cylinder, pose)
@@ -51,12 +46,8 @@ class Clearance:
 
         Along a straight line the footprint sweeps a box between two half-cylinders. The rear one is free already, so
         one exact test of the box and one of the cylinder at the end suffice. Chords within half a millimetre of an arc
-        replace it, and their boxes are wider by that much.
-
-        Args:
-            pose: start of the motion.
-            forward_m: length of the path [m]; negative backwards.
-            turn_rad: turn at a constant rate along the path [rad]; a turn on the spot sweeps nothing new.
+        replace it, and their boxes are wider by that much. The path is ``forward_m`` long [m], negative backwards, with
+        a turn at a constant rate [rad]; a turn on the spot sweeps nothing new.
         """
         # The sagitta of an arc is its length times its angle over eight.
         pieces = max(1, math.ceil(math.sqrt(abs(forward_m * turn_rad) / (8.0 * _SAGITTA_M))))
@@ -79,14 +70,11 @@ class Clearance:
         if self._mesh is None:
             return False
         result = coal.CollisionResult()
-        placement = self._placement(pose)
-        coal.collide(self._mesh, self._mesh_placement, shape, placement, self._collision_request, result)
-        return result.isCollision()
-
-    def _placement(self, pose: Pose2) -> coal.Transform3s:
         c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
         rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return coal.Transform3s(rotation, np.array([pose.x_m, pose.y_m, self._mid_z_m]))
+        placement = coal.Transform3s(rotation, np.array([pose.x_m, pose.y_m, self._mid_z_m]))
+        coal.collide(self._mesh, self._mesh_placement, shape, placement, self._collision_request, result)
+        return result.isCollision()
 
 
 def _build_tree(

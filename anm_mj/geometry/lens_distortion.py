@@ -152,12 +152,8 @@ class Undistortion:
 def undistortion(
     camera: Intrinsics, distortion: LensDistortion | None, source: Intrinsics | None = None
 ) -> Undistortion:
-    """What takes distortion out of images; made once per camera.
-
-    Args:
-        camera: Of the images that come out.
-        distortion: Of the others; None = none.
-        source: Their camera, of the same size; None = the same.
+    """What takes distortion out of images; made once per camera, which is that of the images that come out. The others'
+    distortion may be none, and their camera, ``source``, another one of the same size.
     """
     source = source or camera
     col, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
@@ -173,13 +169,12 @@ def undistortion(
     left, top = np.floor(u), np.floor(v)
     right_share, low_share = u - left, v - top
     corners, weights = [], []
-    for down in (0, 1):
-        for right in (0, 1):
-            x = np.clip(left.astype(np.int64) + right, 0, camera.width - 1)
-            y = np.clip(top.astype(np.int64) + down, 0, camera.height - 1)
-            share = (right_share if right else 1.0 - right_share) * (low_share if down else 1.0 - low_share)
-            corners.append(y * camera.width + x)
-            weights.append(np.where(inside, np.floor(share * _ONE), 0.0))
+    for down, right in np.ndindex(2, 2):
+        x = np.clip(left.astype(np.int64) + right, 0, camera.width - 1)
+        y = np.clip(top.astype(np.int64) + down, 0, camera.height - 1)
+        share = (right_share if right else 1.0 - right_share) * (low_share if down else 1.0 - low_share)
+        corners.append(y * camera.width + x)
+        weights.append(np.where(inside, np.floor(share * _ONE), 0.0))
     # What rounding left out goes to the nearest pixel: a flat image stays as it is.
     first = np.stack(weights)
     left_out = np.where(inside, _ONE - first.sum(axis=0), 0.0)

@@ -1,12 +1,41 @@
 """Where free space ends: points on the borders between neighbouring cells, kept up by rows of the map."""
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int8
+from jaxtyping import Bool, Float, Float32, Int, Int8
+from scipy.spatial import KDTree
 
-from anm_mj.types import FREE, UNKNOWN
+from anm_mj.frames import world_to_cell
+from anm_mj.planning.distance_transform import capped_distance_cells
+from anm_mj.types import FREE, UNKNOWN, TopDownMap, VoronoiGraph
 
+BORDER_WIDTH_M = 0.15
+"""A vertex borders on points that are up to this much farther away than its nearest border point [m]."""
 _NEIGHBOURS = ((0, 1), (1, 0))
 """Row and column steps to the neighbours that borders are looked for towards."""
+
+
+def borders_unknown(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bool[np.ndarray, " n"]:
+    """Which vertices border on the unknown: it is about as near as the nearest obstacle."""
+    if not len(frontier_xy_m) or not len(graph.vertex_xy_m):
+        return np.zeros(len(graph.vertex_xy_m), bool)
+    distance = KDTree(frontier_xy_m).query(graph.vertex_xy_m)[0]
+    return np.asarray(distance <= graph.clearance_m + BORDER_WIDTH_M)
+
+
+def traversable_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f 2"]:
+    """The border of the unknown where a disc of this radius fits into it; outside of the map is unknown [m]."""
+    frontier = topdown.frontier_xy_m
+    if not len(frontier):
+        return frontier
+    radius = radius_m / topdown.resolution_m
+    pad = int(np.ceil(radius)) + 1
+    unknown = np.pad(topdown.state == UNKNOWN, pad, constant_values=True)
+    middle = capped_distance_cells(unknown, pad) >= radius
+    # A border point lies on the edge of a cell, so that the disc's own rim is off by up to two cells.
+    traversable = capped_distance_cells(~middle, pad + 2) <= radius + 1.5
+    cell = world_to_cell(frontier, topdown.origin_xy_m, topdown.resolution_m) + pad
+    cell = np.clip(cell, 0, np.array(traversable.shape) - 1)
+    return frontier[traversable[cell[:, 0], cell[:, 1]]]
 
 
 class BorderPoints:
@@ -16,7 +45,6 @@ class BorderPoints:
     """
 
     def __init__(self) -> None:
-        """Start with a map without cells."""
         self._shape: tuple[int, ...] = (0, 0)
         self._surface = [_Points() for _ in _NEIGHBOURS]
         self._frontier = [_Points() for _ in _NEIGHBOURS]

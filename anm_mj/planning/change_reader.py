@@ -20,19 +20,22 @@ class ChangeReader:
         """The smallest window with all blocks that changed since the reader took them; it takes them now. Returns rows
         and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
 
-        Args:
-            grid: the occupancy; always the same one, as it grows.
-            box_xy_m: lower and upper corner of a box in the world; the reader leaves blocks that do not touch it for
-                later [m]. None = it takes all.
+        The grid is always the same one, as it grows. Blocks that do not touch a box, given by its lower and upper
+        corner in the world [m], are left for later.
         """
         num_rows, num_cols = grid.state.shape[1:]
         if grid.column_version is None:
             return slice(0, num_rows), slice(0, num_cols)
         size = num_rows // len(grid.column_version)
-        self._follow_growth(grid, grid.column_version.shape, size * grid.resolution_m)
+        block_m, shape = size * grid.resolution_m, grid.column_version.shape
+        if self._read.shape != shape:
+            # The grid has grown.
+            origin_xy_m = grid.origin_m[:2].astype(float)
+            start = np.rint((self._origin_xy_m - origin_xy_m) / block_m).astype(int)[::-1]
+            self._read, self._origin_xy_m = embed(self._read, shape, start, 0), origin_xy_m
         changed = grid.column_version > self._read
         if box_xy_m is not None:
-            low, high = ((box_xy_m - self._origin_xy_m) / (size * grid.resolution_m))[:, ::-1]
+            low, high = ((box_xy_m - self._origin_xy_m) / block_m)[:, ::-1]
             rows, cols = clamp(np.floor(low).astype(int), np.ceil(high).astype(int), changed.shape)
             near = np.zeros(changed.shape, bool)
             near[rows, cols] = True
@@ -41,12 +44,3 @@ class ChangeReader:
         for rows, cols in bounds(changed, (slice(0, len(changed)), slice(0, changed.shape[1]))):
             return slice(size * rows.start, size * rows.stop), slice(size * cols.start, size * cols.stop)
         return None
-
-    def _follow_growth(self, grid: OccupancyGrid, shape: tuple[int, ...], block_m: float) -> None:
-        """Keep the versions aligned with a grid that has grown."""
-        if self._read.shape == shape:
-            return
-        origin_xy_m = grid.origin_m[:2].astype(float)
-        start = np.rint((self._origin_xy_m - origin_xy_m) / block_m).astype(int)[::-1]
-        self._read = embed(self._read, shape, start, 0)
-        self._origin_xy_m = origin_xy_m

@@ -16,8 +16,6 @@ _PITCH_DIGITS = 3
 STEEPEST_RAD = math.radians(75.0)
 """Rays are looked at up to this far from the horizontal [rad]; steeper ones show the floor or ceiling beside the
 robot."""
-
-
 _TURN_S = 0.4
 """A turn takes at least so long [s]."""
 

@@ -9,9 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import KDTree
 from skimage.graph import MCP_Geometric
 
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
@@ -30,6 +31,10 @@ JOIN_M = 0.15
 """Without a margin, paths begin at places of the graph's edges that lie so far apart [m]."""
 NEAR_ROBOT_M = 0.3
 """Within this distance of a robot in a tight spot, paths need no more clearance than the robot has [m]."""
+GAP_M = 2.0
+"""The parts of the graph on both sides of a narrow passage lie at most this far apart [m]."""
+NUM_BEYOND = 8
+"""So many vertices beyond a passage are looked at from each before it."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +83,8 @@ def shortest_paths(
 ) -> ShortestPathTree:
     """Shortest paths from the robot to all vertices, by one search of a sparse graph.
 
-    Args:
-        graph: the road map.
-        topdown: decides which connections from the robot to the graph are safe.
-        pose: where the robot stands.
-        safe_m: least clearance of a path [m].
-        joins_edges: as of :class:`ShortestPathTree`.
+    The map decides which connections from the robot to the graph keep ``safe_m`` clearance [m]; ``joins_edges`` is as
+    of :class:`ShortestPathTree`.
     """
     n = len(graph.vertex_xy_m)
     connections = _connect(graph, topdown, pose, safe_m)
@@ -103,6 +104,26 @@ def shortest_paths(
     return ShortestPathTree(distance[:n], predecessor.tolist(), connections, graph, topdown, safe_m, pose, joins_edges)
 
 
+def narrow_gaps(paths: ShortestPathTree) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
+    """Vertices that a path leads to, and for each the nearest vertex that none leads to, in plain sight [m].
+
+    No obstacle and nothing unknown lies between them, but a passage that is too narrow. Seen from afar, and with a
+    depth camera's noise, obstacles are thicker than they are: from beside it, it may turn out to be wide enough.
+    """
+    xy_m, reached = paths.graph.vertex_xy_m, np.isfinite(paths.distance_m)
+    if reached.all() or not reached.any():
+        return np.zeros(0, np.int64), np.zeros((0, 2))
+    vertex, beyond = np.flatnonzero(reached), xy_m[~reached]
+    near = min(NUM_BEYOND, len(beyond))
+    apart_m, nearest = (np.reshape(each, (-1, near)) for each in KDTree(beyond).query(xy_m[vertex], k=near))
+    # A wall may stand before the nearest one.
+    which, place = np.nonzero(apart_m <= GAP_M)
+    ends = beyond[nearest[which, place]]
+    clear = segments_clear(paths.topdown, xy_m[vertex[which]], ends, 0.0, paths.pose)
+    found, first = np.unique(which[clear], return_index=True)
+    return vertex[found], ends[clear][first]
+
+
 def segments_clear(
     topdown: TopDownMap,
     start_xy_m: Float[np.ndarray, "n 2"],
@@ -119,23 +140,15 @@ def segments_clear(
     clear = np.ones(len(start_xy_m), bool)
     # A few samples find most segments that are not clear.
     for samples in (share[::COARSE_STRIDE], share):
-        start, along = start_xy_m[clear, :, None], (end_xy_m - start_xy_m)[clear, :, None]
-        xy = start + along * samples
-        clear[clear] = _are_clear(topdown, xy[:, 0], xy[:, 1], safe_m, pose).all(axis=1)
-    return clear
-
-
-def _are_clear(
-    topdown: TopDownMap, x_m: Float[np.ndarray, "n k"], y_m: Float[np.ndarray, "n k"], safe_m: float, pose: Pose2 | None
-) -> Bool[np.ndarray, "n k"]:
-    clearance = _clearance(topdown, x_m, y_m)
-    clear = clearance >= safe_m
-    if pose is not None:
-        here = float(clearance_at(topdown, pose.xy_m[None])[0])
-        tight = np.nonzero(~clear)
-        x, y = x_m[tight] - pose.x_m, y_m[tight] - pose.y_m
-        near = np.sqrt(x**2 + y**2) < NEAR_ROBOT_M
-        clear[tight] = near & (clearance[tight] >= min(safe_m, here - topdown.resolution_m))
+        x_m, y_m = (start_xy_m[clear, :, None] + (end_xy_m - start_xy_m)[clear, :, None] * samples).swapaxes(0, 1)
+        clearance = _clearance(topdown, x_m, y_m)
+        enough = clearance >= safe_m
+        if pose is not None:
+            here_m = float(clearance_at(topdown, pose.xy_m[None])[0]) - topdown.resolution_m
+            tight = np.nonzero(~enough)
+            near = np.sqrt((x_m[tight] - pose.x_m) ** 2 + (y_m[tight] - pose.y_m) ** 2) < NEAR_ROBOT_M
+            enough[tight] = near & (clearance[tight] >= min(safe_m, here_m))
+        clear[clear] = enough.all(axis=1)
     return clear
 
 
@@ -149,10 +162,7 @@ def _clearance(
 ) -> Float[np.ndarray, "*n"]:
     rows, cols = topdown.clearance_m.shape
     origin_x, origin_y = topdown.origin_xy_m.tolist()
-    col, row = (
-        np.floor((x_m - origin_x) / topdown.resolution_m),
-        np.floor((y_m - origin_y) / topdown.resolution_m),
-    )
+    col, row = np.floor((x_m - origin_x) / topdown.resolution_m), np.floor((y_m - origin_y) / topdown.resolution_m)
     inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
     cell = np.where(inside, row * cols + col, 0).astype(np.int64)
     return np.where(inside, topdown.clearance_m.ravel()[cell].astype(float), -np.inf)

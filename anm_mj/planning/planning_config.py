@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from anm_mj.errors import PlanError
 from anm_mj.utils.settings import Settings, setting
 
-REGION_KNOWN_BY = ("error", "range")
-
 
 @dataclass(frozen=True)
 class PlanningConfig(Settings, group="planning", error=PlanError):
@@ -40,7 +38,7 @@ class PlanningConfig(Settings, group="planning", error=PlanError):
     """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
     region_percentile: float = setting(80.0, below=100.0)
     """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
-    region_known_by: str = setting("range", choices=REGION_KNOWN_BY)
+    region_known_by: str = setting("range", choices=("error", "range"))
     """What makes surface known, so that it forms no region however uncertain it is beside the rest: ``range``, it was
     seen from within ``anchor_range_m``; ``error``, the map expects it to be off by less than ``region_error_m``."""
     region_error_m: float = 0.005

@@ -99,8 +99,8 @@ class ScanGrid:
         where = tuple(cells[inside].T)
         flat = self.log_odds.reshape(-1)
         flat[inside[free[where]]] = LEAST_PRIOR
-        for x, y, yaw in poses:
-            self.log_odds[self._under(Pose2(x, y, yaw))] = LEAST_PRIOR
+        for xy_m in poses[:, :2]:
+            self.log_odds[self._disc(xy_m, self.footprint.radius_m)] = LEAST_PRIOR
         flat[inside[occupied[where]]] = MOST_PRIOR
 
     def integrate(self, observation: Observation) -> None:
@@ -121,8 +121,11 @@ class ScanGrid:
         hits_xy_m = _between_hits(ends_xy_m, hit)
         struck = self._mask(hits_xy_m)
         self._remember_surface(hits_xy_m)
-        free = self._inside(np.concatenate([camera_xy_m[None], ends_xy_m])) & ~struck
-        free |= self._under(observation.pose)
+        outline_xy_m = np.concatenate([camera_xy_m[None], ends_xy_m])
+        col, row = ((outline_xy_m - self.origin_xy_m) / RESOLUTION_M - 0.5).T
+        free = np.zeros(self.log_odds.shape, bool)
+        free[polygon(row, col, free.shape)] = True
+        free = (free & ~struck) | self._disc(observation.pose.xy_m, self.footprint.radius_m)
         self.log_odds[free] = np.maximum(np.nan_to_num(self.log_odds[free]) + PASS, LEAST)
         self.log_odds[struck] = np.minimum(np.nan_to_num(self.log_odds[struck]) + HIT, MOST)
 
@@ -239,15 +242,6 @@ class ScanGrid:
         mask[cells[:, 0], cells[:, 1]] = True
         return mask
 
-    def _inside(self, outline_xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "rows cols"]:
-        mask = np.zeros(self.log_odds.shape, bool)
-        col, row = ((outline_xy_m - self.origin_xy_m) / RESOLUTION_M - 0.5).T
-        mask[polygon(row, col, mask.shape)] = True
-        return mask
-
-    def _under(self, pose: Pose2) -> Bool[np.ndarray, "rows cols"]:
-        return self._disc(pose.xy_m, self.footprint.radius_m)
-
     def _collision(self, xy_m: Float[np.ndarray, "2"], cells: int) -> Bool[np.ndarray, "rows cols"]:
         # A little more, as rounding must not decide.
         return self._disc(xy_m, (cells + 0.2) * RESOLUTION_M)
@@ -272,9 +266,7 @@ class ScanGrid:
             return
         start = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)[::-1]
         self.log_odds = embed(old, (rows, cols), start, np.nan)
-        self.surface_m = np.stack(
-            [embed(self.surface_m[k], (rows, cols), start, np.nan) for k in range(len(self.surface_m))]
-        )
+        self.surface_m = embed(self.surface_m, (2, rows, cols), np.array([0, *start]), np.nan)
         self.origin_xy_m = low
 
 

@@ -54,13 +54,7 @@ class Stages:
     """Runs the stages and keeps what they remember between decisions."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint, *, coarse_far_field: bool = False):
-        """Start with nothing remembered.
-
-        Args:
-            config: the planner's settings.
-            footprint: the body.
-            coarse_far_field: whether the graph may be rough far away from the robot.
-        """
+        """Start with nothing remembered; ``coarse_far_field``: the graph may be rough far away from the robot."""
         self._coarse_far_field = coarse_far_field
         self.config = config
         self._radius_m = footprint.radius_m

@@ -14,8 +14,6 @@ OCCUPIED = 1
 """State of a cell that holds a surface."""
 UNKNOWN = -1
 """State of a cell that was never observed."""
-
-
 _EDGE = 1e-6
 """A height this near to a face between two layers lies on it [layers]."""
 
@@ -46,13 +44,8 @@ class OccupancyGrid:
         return math.floor((z_m - self.origin_m[2]) / self.resolution_m + _EDGE)
 
     def layers_between(self, low_m: float, high_m: float, *, whole: bool = False) -> slice:
-        """Layers of a range of heights, as far as the grid has them.
-
-        Args:
-            low_m: lower end of the range [m].
-            high_m: upper end of the range [m].
-            whole: False: layers whose lower face lies in the range, so that none of an obstacle's height is missed at
-                the top. True: only layers that lie in the range as a whole, so that nothing outside it counts.
+        """Layers of a range of heights [m], as far as the grid has them: those whose lower face lies in it, so that
+        none of an obstacle's height is missed at the top; or only those in it as a ``whole``: nothing else counts then.
         """
         first, stop = self._layer_range(low_m, high_m, whole)
         return slice(max(first, 0), max(stop, 0))

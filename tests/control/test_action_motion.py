@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.control.action_motion import MotionLimits, Trapezoid, action_motion, action_profile
+from anm_mj.control.action_motion import Trapezoid, action_motion, action_profile
+from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.types import Action
 
 

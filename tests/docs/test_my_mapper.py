@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from anm_mj.explore import explore
-from anm_mj.planning.policies.make_policy import make_policy
+from anm_mj.planning.policies.context import make_policy
 from anm_mj.protocols import Mapper
 from anm_mj.types import FREE, OCCUPIED, Pose2, StopReason
 from tests.docs.pages import ROOT

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from anm_mj.planning.clear_edges import clear_edges
 from anm_mj.planning.paths import clearance_at, shortest_paths
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
-from anm_mj.planning.voronoi_graph import voronoi_graph
+from anm_mj.planning.voronoi_graph import clear_edges, voronoi_graph
 from anm_mj.types import FREE, OCCUPIED, Footprint, OccupancyGrid, Pose2, TopDownMap
 from tests.planning.worlds import topdown_map
 

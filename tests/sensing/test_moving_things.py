@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.planning.give_way import held_disc, in_the_way
+from anm_mj.planning.steps_ahead import held_disc, in_the_way
 from anm_mj.sensing.moving_things import MovingThing, MovingThings
 from anm_mj.sensing.pixel_state import without_moved
 from anm_mj.types import Footprint, Pose2

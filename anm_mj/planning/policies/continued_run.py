@@ -19,12 +19,8 @@ def is_known_place(prior_poses: Float[np.ndarray, "n 3"], observation: Observati
 
 
 def remembered(prior: ExploredState, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
-    """An array of numbers that a policy remembered; None where it did not. Raises PlanError if it has another shape.
-
-    Args:
-        prior: the prior run.
-        name: of the array.
-        shape: its axes; None = any length.
+    """An array of numbers that a policy remembered; None where it did not. Raises PlanError if it has another shape, in
+    which None stands for any length.
     """
     array = prior.memory.get(name)
     if array is None:
@@ -39,7 +35,6 @@ class LookingAround:
     """A policy of a continued run: where there is nothing to do, the robot looks around once before it ends."""
 
     def __init__(self, policy: Policy) -> None:
-        """Wrap ``policy``."""
         self._policy = policy
         self._is_first = True
 

@@ -13,15 +13,13 @@ class RandomWalk:
     """Draws a new action at every step; a collision costs a step and changes nothing."""
 
     def __init__(self, context: PolicyContext[PolicyConfig]):
-        """Take the seed; the policy has no settings and asks for no body."""
         self._rng = np.random.default_rng(context.seed)
 
     def observe(self, observation: Observation) -> None:
         """Learn nothing from what the robot sees."""
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """One random action."""
-        del mapper, observation  # A random walk does not look.
+        """One random action; a random walk does not look."""
         action = MOVES[self._rng.integers(len(MOVES))]
         return Plan(f"random draw: {action.name}", actions=(action,))
 

@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from anm_mj.protocols import Policy
 
 DEFAULT_POLICY = "gvg"
+GOALS = ("coverage", "reconstruction", "both")
+"""What a run is for: to see all surface; to know it well; first the one, then the other."""
+DEFAULT_GOAL = "both"
 ENTRY_POINTS = "anm_mj.policies"
 """Group of the entry points that name policies of other packages."""
-
 METHODS = ("observe", "plan", "on_collision")
 """What every policy can do."""
 
@@ -93,11 +95,8 @@ def needs_truth(name: str) -> bool:
 
 
 def policy_class(name: str) -> Any:
-    """The class of a policy. Raises PlanError if the name is unknown, or the module or class cannot be found or lacks a
-    method, and InstallError if the package itself lacks a part.
-
-    Args:
-        name: a key of :func:`policies`, or ``module:Class`` for one of the user's own.
+    """The class of a policy, by a key of :func:`policies` or ``module:Class``. Raises PlanError if the name is unknown,
+    or the module or class cannot be found or lacks a method, and InstallError if the package itself lacks a part.
     """
     module_name, _, class_name = policy_entry(name).path.partition(":")
     try:

@@ -21,7 +21,6 @@ class ReturnToCertainty:
     """A policy that drives back along its trail while the pose deviates too much."""
 
     def __init__(self, policy: Policy, config: PlanningConfig) -> None:
-        """Wrap a policy that explores."""
         self._policy = policy
         self._most_m, self._most_rad = config.return_deviation_m, config.return_deviation_rad
         self._trail: list[Pose2] = []

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import path_steps
 from anm_mj.planning.planning_config import PlanningConfig
@@ -16,8 +17,6 @@ from anm_mj.protocols import Mapper, Policy
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Footprint, Observation, Plan, Pose2, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
-HALF_TURN = round(math.pi / TURN_STEP_RAD)
-"""Turns that reverse the heading."""
 SLOWER, SPARE_STEPS = 1.25, 12
 """The return takes this factor more steps than its length says, and these: turns on the path, detours."""
 NEAR_START_M = 1.0
@@ -121,13 +120,13 @@ class ReturnToStart:
         assert self._num_steps is not None
         left = self._num_steps - observation.step - SPARE_STEPS
         # Nobody needs more steps to go back than to come here, with a turn at both ends.
-        spare = (left - SLOWER * (observation.step + 2 * HALF_TURN)) / (1.0 + SLOWER)
+        spare = (left - SLOWER * (observation.step + NUM_HEADINGS)) / (1.0 + SLOWER)
         if spare >= REPLAN_STEPS:
             return spare
         back_steps = self._return(mapper, observation).steps
         if math.dist(observation.pose.xy_m, self._start.xy_m) < NEAR_START_M:
             # One step away from here may take a turn at both ends.
-            return (left - SLOWER * (back_steps + 2 * HALF_TURN)) / (1.0 + SLOWER)
+            return (left - SLOWER * (back_steps + NUM_HEADINGS)) / (1.0 + SLOWER)
         # Each step away costs another one on the return, or a turn, or a bit of both.
         return (left - SLOWER * back_steps) / (1.0 + 1.5 * SLOWER)
 

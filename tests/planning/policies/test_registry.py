@@ -23,7 +23,6 @@ OTHER_MEANINGS = {
     ("evaluation/oracle/tour_planner.py", "oracle"),  # A folder of the cache.
     ("planning/policies/anm_s/anm_s_config.py", "random"),  # A way to choose a target.
     ("planning/policies/anm_s/candidate_vertices.py", "random"),
-    ("planning/policies/anm_s/ordering.py", "random"),
     ("planning/policies/anm_s/anm_s_policy.py", "random"),
 }
 BODY = Footprint(0.18, 0.05, 1.35)

@@ -15,7 +15,9 @@ Deviations:
 - When no target at all can be reached the robot makes one full rotation; then the run ends.
 """
 
+import functools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -23,23 +25,41 @@ from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.grid_route import GridRoutes
-from anm_mj.planning.policies.anm.anm_config import AnmConfig
-from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
-from anm_mj.types import (
-    ARRIVED_M,
-    FORWARD_STEP_M,
-    Action,
-    Candidate,
-    Observation,
-    Plan,
-    StopReason,
-    SurfacePoints,
-)
+from anm_mj.types import ARRIVED_M, FORWARD_STEP_M, Action, Candidate, Observation, Plan, StopReason, SurfacePoints
+from anm_mj.utils.settings import setting
 from anm_mj.utils.stopwatch import Stopwatch
 
 EVERYWHERE_M = 1e4
+
+
+@dataclass(frozen=True)
+class AnmConfig(PolicyConfig):
+    """Which surface counts as uncertain, and where the targets before it lie."""
+
+    range_m: float = setting(10.0, at_most=100.0)
+    """Depth beyond this is left out of the policy's own grid [m]."""
+    near_m: float = 5.0
+    """Half width of the local horizon [m]."""
+    percentile: float = setting(90.0, below=100.0)
+    """Surface above this percentile of uncertainty counts as uncertain [%] (paper; the released code keeps four
+    fifths)."""
+    link_m: float = 0.3
+    """Points nearer to each other than this belong to one cluster [m]."""
+    min_share: float = setting(0.005, at_most=1.0)
+    """Clusters with a smaller share of the uncertain points are dropped."""
+    stand_off_m: float = 0.5
+    """Targets lie this far before the surface [m]."""
+    min_distance_m: float = setting(1.0, at_least=0.0)
+    """Targets nearer than this are taken only when there is no other [m]."""
+    arrived_m: float = 0.8
+    """The robot has reached a target when it is this near to it [m]."""
+    max_steps: int = 100
+    """The policy decides again after this many steps."""
+    full_rotation_turns: int = 36
+    """Turns of the rotation when no target can be reached, of 10 degrees each."""
 
 
 class Anm(ScanPolicy):
@@ -88,15 +108,13 @@ class Anm(ScanPolicy):
 
     def _first_candidates(self, mapper: Mapper, routes: GridRoutes) -> tuple[list[Candidate], str]:
         """The targets of the most uncertain share of surface that has any, and where that is, in words."""
-        share, surfaces = 100.0 - self.config.percentile, list[SurfacePoints]()
+        share, near_m = 100.0 - self.config.percentile, self.config.near_m
+        surface = functools.cache(lambda radius_m: mapper.surface(routes.pose.xy_m, radius_m))
         for number in range(math.ceil(100.0 / share)):
             high = 100.0 - number * share
-            for place, radius_m in enumerate((self.config.near_m, EVERYWHERE_M)):
-                if place == len(surfaces):
-                    surfaces.append(mapper.surface(routes.pose.xy_m, radius_m))
-                found = self._candidates(surfaces[place], routes, (max(high - share, 0.0), high))
+            for radius_m, where in ((near_m, f"within {near_m:g} m"), (EVERYWHERE_M, "anywhere")):
+                found = self._candidates(surface(radius_m), routes, (max(high - share, 0.0), high))
                 if found:
-                    where = f"within {radius_m:g} m" if place == 0 else "anywhere"
                     return found, where + f", less uncertain than {100.0 - high:g} % of the surface" * (number > 0)
         return [], ""
 

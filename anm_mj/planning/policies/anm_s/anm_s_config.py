@@ -7,7 +7,6 @@ from anm_mj.utils.settings import setting
 
 TARGETS = ("hierarchical", "best-anchored", "random")
 """How the policy chooses: local horizon first, then near to far; the most uncertain region; any unvisited vertex."""
-
 VISITED_BY = ("sight", "place")
 """What makes a vertex visited: the robot was near it or saw what surrounds it; the robot was near it."""
 

@@ -2,14 +2,10 @@
 
 After a full rotation at the start, every decision weighs two kinds of vertices: those at which the robot has a decision
 to make (:mod:`~anm_mj.planning.policies.anm_s.decision_vertices`), as long as they are unvisited, and those with a
-region of interest anchored to them. Unvisited vertices beat visited ones; among them, vertices in the local horizon and
-in the view ahead beat others; among these, vertices with a region do. Equals are ordered by room, the robot's own first
-and then from near to far (:mod:`~anm_mj.planning.policies.anm_s.graph_rooms`), and in each room by distance along the
-graph. This is the target "hierarchical"; the paper's ablations are "random" (any unvisited vertex) and "best-anchored"
-(the vertex with the most uncertain region). On arrival the robot turns until every region anchored there has been in
-view. It keeps a target until it reaches it, collides on the way, or sees on the way that the target is no candidate any
-more. With no candidate left the robot makes one more full rotation, as the authors' released code does; then the run
-ends.
+region of interest anchored to them; docs/planning.md tells in which order. This is the target "hierarchical"; the
+paper's ablations are "random" (any unvisited vertex) and "best-anchored" (the vertex with the most uncertain region).
+The robot keeps a target until it reaches it, collides on the way, or sees on the way that the target is no candidate
+any more. With no candidate left it makes one more full rotation, as the authors' released code does; then the run ends.
 
 The tiers, the visited radius and the view ahead are those of the released code, because the paper leaves them open.
 Where paper and code differ, the policy follows the paper: a bootstrap of 36 turns without tilting, both decoders
@@ -35,16 +31,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.geometry.connected_components import connected_components
+from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.planning.borders import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.narrow_gaps import narrow_gaps
+from anm_mj.planning.paths import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
-from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
+from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates, best_first, room_name
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
-from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
-from anm_mj.planning.policies.anm_s.visited import within
+from anm_mj.planning.policies.anm_s.visited import num_within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.stages import TRY_AGAIN
@@ -63,10 +59,6 @@ from anm_mj.types import (
     Region,
     StopReason,
 )
-
-FULL_ROTATION = round(math.tau / TURN_STEP_RAD)
-"""Turns of a full rotation."""
-
 
 USUAL_VIEW_RAD = math.pi / 2.0
 """Field of view that ``well_in_view_deg`` is meant for; in narrower views it is less in proportion [rad]."""
@@ -98,15 +90,12 @@ class AnmS:
 
     def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Take over where a prior run was, and what it gave up."""
-        del mapper
         self.stages.continue_from(prior)
         self._prior = prior.poses
         observed = remembered(prior, "observed", (None, 3))
         if observed is not None:
             self.stages.region_finder.continue_from(observed.astype(np.int64))
-        self.targets.continue_from(
-            *(remembered(prior, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")),
-        )
+        self.targets.continue_from(*(remembered(prior, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")))
 
     def observe(self, observation: Observation) -> None:
         """Take note of what lies ahead, and of which regions come into view at the target."""
@@ -136,7 +125,11 @@ class AnmS:
             if plan is not None:
                 self._rotated = False
                 return plan
-        return self._to_the_unknown(now) or self._to_a_gap(now) or self._without_candidates(now)
+        plan = self._to_the_unknown(now)
+        if plan is None:
+            vertices, beyond_m = narrow_gaps(now.paths)
+            plan = self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
+        return plan or self._without_candidates(now)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
@@ -177,7 +170,6 @@ class AnmS:
         )
 
     def _why(self, now: RegionState, candidates: Candidates, chosen: int) -> str:
-        """Why a candidate is the best one."""
         tier = int(candidates.tier[chosen])
         near = candidates.near[chosen]
         where = "the local horizon" if near else room_name(now, int(candidates.vertex[chosen]))
@@ -202,11 +194,6 @@ class AnmS:
 
         return self._to_a_look(now, beside, lambda k: middle_of_unknown(int(beside[k])), "the unknown beside one")
 
-    def _to_a_gap(self, now: RegionState) -> Plan | None:
-        """To the nearest place beside a passage that seemed too narrow from afar, and a look into it."""
-        vertices, beyond_m = narrow_gaps(now)
-        return self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
-
     def _to_a_look(
         self,
         now: RegionState,
@@ -219,7 +206,7 @@ class AnmS:
         ``look_at`` gives the place to look at from the vertex of a number [m]; the robot looks into ``what``.
         """
         xy = now.graph.vertex_xy_m[vertices]
-        been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
+        been = num_within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M) > 0
         left = np.flatnonzero(~been & ~self.targets.is_given_up(xy))
         if not len(left):
             return None
@@ -241,8 +228,8 @@ class AnmS:
         what = "every vertex is visited and no region is left" if reachable else "no vertex of the graph can be reached"
         if not self._rotated:
             self._rotated = True
-            return Plan(f"{what}: another full rotation", actions=(Action.TURN_LEFT,) * FULL_ROTATION)
-        if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
+            return Plan(f"{what}: another full rotation", actions=(Action.TURN_LEFT,) * NUM_HEADINGS)
+        if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now.paths)[0]) and self.stages.drop_margin()):
             return Plan(f"{what}: {TRY_AGAIN}", actions=(Action.TURN_LEFT,))
         num_parts = len(np.unique(connected_components(now.graph.edges, len(reached))[~reached]))
         complete = reachable and not self.stages.is_cut_off(reached)

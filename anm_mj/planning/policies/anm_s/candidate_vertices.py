@@ -1,4 +1,6 @@
-"""The vertices that a decision weighs, and how good each is."""
+"""The vertices that a decision weighs, and in which order: by tier and room, or as the paper's ablations ask."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -10,12 +12,57 @@ from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
 from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.policies.anm_s.visited import seen_around, within
+from anm_mj.planning.policies.anm_s.visited import num_within, seen_around
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import FORWARD_STEP_M, Observation, OccupancyGrid, Region
 
 UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
 """Weights of a vertex's properties in the authors' released code; they add up to its tier."""
+
+
+def best_first(
+    now: RegionState, candidates: Candidates, targets: Targets, target: str, rng: np.random.Generator
+) -> Int[np.ndarray, " n"]:
+    """The candidates from best to worst, the present target before all others.
+
+    ``target`` is how to choose, one of ``TARGETS``; ``rng`` draws the random order.
+    """
+    xy, distance = now.graph.vertex_xy_m[candidates.vertex], now.paths.distance_m[candidates.vertex]
+    other = np.ones(len(xy), bool)
+    other[targets.match(xy)] = False
+    if target == "hierarchical":
+        return np.lexsort((distance, room_distance(now, candidates.vertex), -candidates.tier, other))
+    failures = targets.num_failures(xy)
+    if target == "random":
+        return np.lexsort((rng.random(len(xy)), failures, other))
+    most = np.zeros(len(now.graph.vertex_xy_m))
+    for region in now.regions:
+        most[region.vertex] = max(most[region.vertex], region.score)
+    return np.lexsort((distance, ~candidates.unvisited, -most[candidates.vertex], failures, other))
+
+
+def own_room(now: RegionState) -> int:
+    """The robot's room: that of the vertex that it reaches first; -1 for none."""
+    distance_m = now.paths.distance_m
+    return int(now.room[np.argmin(distance_m)]) if np.isfinite(distance_m).any() else -1
+
+
+def room_name(now: RegionState, vertex: int) -> str:
+    """What to call the room of a vertex."""
+    room = int(now.room[vertex])
+    if room < 0:
+        return "a nook"
+    return "the rest of the room" if room == own_room(now) else f"room {room}"
+
+
+def room_distance(now: RegionState, vertices: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """How far the room of each vertex is: 0 for the robot's own, else to the nearest of these vertices in it [m]."""
+    room, distance_m = now.room[vertices], now.paths.distance_m[vertices]
+    nearest = np.full(len(now.room) + 1, np.inf)
+    np.minimum.at(nearest, room, distance_m)
+    nearest[own_room(now)] = 0.0
+    # Nooks share a number, and nothing else.
+    return np.where(room < 0, distance_m, nearest[room])
 
 
 @dataclass(frozen=True)
@@ -62,17 +109,18 @@ class CandidateFinder:
         The grid tells how near surface was seen; the trajectory is where the robot has been [m].
         """
         anchored = np.array([region.vertex for region in regions], np.int64)
-        decisions = np.union1d(now.decisions, self._kept(now))
+        decisions = now.decisions
+        if self._targets.unvisited:
+            # The vertex that stands for the present target may be no decision vertex now.
+            decisions = np.union1d(decisions, self._targets.match(now.graph.vertex_xy_m))
         vertex = np.union1d(decisions, anchored)
         vertex = vertex[np.isfinite(now.paths.distance_m[vertex])]
         vertex = vertex[~self._targets.is_given_up(now.graph.vertex_xy_m[vertex])]
         unvisited = np.isin(vertex, decisions)
-        unvisited &= ~within(now.graph.vertex_xy_m[vertex], trajectory_xy_m, self._config.visited_radius_m)
+        unvisited &= num_within(now.graph.vertex_xy_m[vertex], trajectory_xy_m, self._config.visited_radius_m) == 0
         unseen = unvisited
         if self._config.visited_by == "sight":
-            unseen = unvisited & ~seen_around(
-                now.graph, vertex, now.topdown, now.frontier_xy_m, grid, self._footprint, self._config
-            )
+            unseen = unvisited & ~seen_around(now, vertex, grid, self._footprint, self._config)
         guided = np.isin(vertex, anchored) & (self._config.target != "random")
         # When nothing better is left, the robot visits vertices whose surroundings it saw from elsewhere.
         unvisited = unseen if (unseen | guided).any() else unvisited
@@ -85,12 +133,6 @@ class CandidateFinder:
         seen = np.isin(vertex, anchored) & near
         tier = UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * seen + FAILED * failed
         return Candidates(vertex, unvisited, near, tier)
-
-    def _kept(self, now: RegionState) -> Int[np.ndarray, " k"]:
-        """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""
-        if not self._targets.unvisited:
-            return np.zeros(0, np.int64)
-        return self._targets.match(now.graph.vertex_xy_m)
 
     def _in_horizon(self, now: RegionState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""

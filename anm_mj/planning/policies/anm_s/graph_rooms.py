@@ -7,15 +7,12 @@ free-standing obstacle is furniture unless it is long, or thin as a wall. A bott
 than it looks, because the view ends there.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.planning.policies.anm_s.bottlenecks import edge_bottlenecks
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8
@@ -28,54 +25,64 @@ LONG_OBSTACLE_M = 4.0
 """Longer obstacles are walls, however thick [m]."""
 WALL_THICKNESS_M, MIN_WALL_M = 0.3, 1.5
 """Thinner obstacles are walls from this length on [m]."""
-
-
+SHORTEST_M = 1e-6
+"""Shorter edges have no direction: their ends are the same but for rounding [m]."""
 _CELL_AND_NEIGHBOURS = np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])
 """Row and column steps."""
 
 
-@dataclass(frozen=True)
-class Rooms:
-    """Rooms of a graph, numbered by their distance from where the exploration began."""
-
-    room: Int[np.ndarray, " n"]
-    """The room of each vertex; -1 in disconnected parts that are too small for a room."""
-    floor_m2: Float[np.ndarray, " r"]
-    """Known floor of each room [m2]; rather too large among furniture."""
-    door_xy_m: Float[np.ndarray, "d 2"]
-    """The bottlenecks between rooms [m]."""
-
-
-def segment_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, "2"]) -> Rooms:
-    """The rooms of a graph and the doors between them; spurs have rooms too.
+def segment_rooms(
+    graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, "2"]
+) -> Int[np.ndarray, " n"]:
+    """The room of each vertex, those on spurs too; -1 in disconnected parts that are too small for a room.
 
     The map tells walls from furniture and from the unknown. The room nearest to the start is room 0, and so on, so that
     most rooms keep their numbers while the robot finds others.
     """
-    places = edge_bottlenecks(graph)
-    may_be_door = places.clearance_m <= DOOR_HALF_WIDTH_M
-    may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
+    clearance_m, border_xy_m, floor_m2 = edge_bottlenecks(graph)
+    may_be_door = clearance_m <= DOOR_HALF_WIDTH_M
+    may_be_door[may_be_door] = _between_walls(border_xy_m[may_be_door], topdown)
     # Without an edge NumPy counts in integers.
-    floor_of_vertex_m2 = np.bincount(graph.edges[:, 0], places.floor_m2, len(graph.vertex_xy_m)).astype(float)
+    of_vertex_m2 = np.bincount(graph.edges[:, 0], floor_m2, len(graph.vertex_xy_m)).astype(float)
     part = merge_into_rooms(
-        graph.edges,
-        places.clearance_m,
-        may_be_door,
-        graph.clearance_m,
-        floor_of_vertex_m2,
-        NARROWING,
-        MIN_ROOM_M2,
+        graph.edges, clearance_m, may_be_door, graph.clearance_m, of_vertex_m2, NARROWING, MIN_ROOM_M2
     )
     num = int(part.max(initial=-1)) + 1
-    floor_m2 = np.bincount(part, floor_of_vertex_m2, num).astype(float)
     by_distance = np.argsort(np.linalg.norm(graph.vertex_xy_m - start_xy_m, axis=1), kind="stable")
     _, first = np.unique(part[by_distance], return_index=True)
     order = np.argsort(first)
-    order = order[floor_m2[order] >= MIN_ROOM_M2]
+    order = order[np.bincount(part, of_vertex_m2, num)[order] >= MIN_ROOM_M2]
     number = np.full(num, -1)
     number[order] = np.arange(len(order))
-    door = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
-    return Rooms(number[part], floor_m2[order], places.xy_m[door])
+    return number[part]
+
+
+def edge_bottlenecks(
+    graph: VoronoiGraph,
+) -> tuple[Float[np.ndarray, " e"], Float[np.ndarray, "e 2 2"], Float[np.ndarray, " e"]]:
+    """The narrowest place of every edge, exact to rounding.
+
+    Each end of an edge is equally far from both generating points (paper, Eq. 3). The clearances of the ends and the
+    length of the edge therefore determine these points: at the same place along the edge, one on each side.
+
+    Returns:
+        The least clearance along each edge [m]; the points of the border that it is equidistant to, to its left and to
+        its right [m]; and the area between it and the borders on both sides [m2], exact between straight borders, up to
+        twice as much at a corner or a pole.
+    """
+    start, end = graph.vertex_xy_m[graph.edges[:, 0]], graph.vertex_xy_m[graph.edges[:, 1]]
+    at_start, at_end = graph.clearance_m[graph.edges[:, 0]], graph.clearance_m[graph.edges[:, 1]]
+    length = graph.edge_length_m
+    some = np.maximum(length, SHORTEST_M)
+    ahead = (end - start) / some[:, None]
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    # Distances of the generating points along the line through both ends, and from it.
+    along = np.where(length > SHORTEST_M, (length**2 + at_start**2 - at_end**2) / (2.0 * some), 0.0)
+    off = np.sqrt(np.maximum(at_start**2 - along**2, 0.0))
+    abreast = start + along[:, None] * ahead
+    aside = off[:, None] * left
+    border = np.stack([abreast + aside, abreast - aside], axis=1)
+    return np.hypot(off, along - np.clip(along, 0.0, length)), border, 2.0 * length * off
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:

@@ -36,7 +36,6 @@ class RegionFinder:
     """Remembers the uncertainty of the surface seen so far and finds regions in it."""
 
     def __init__(self, config: PlanningConfig):
-        """Start without any surface."""
         self.config = config
         self._points = SurfacePoints(
             np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
@@ -45,10 +44,8 @@ class RegionFinder:
         """Expected error of each point that observations can take away; None where the map does not tell."""
         self._observed: set[tuple[int, ...]] = set()
         """Cubes with suppressed patches."""
-        self._patches = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3)))
-        """Patches of the last regions."""
-        self._patches_of: dict[tuple[float, ...], Int[np.ndarray, " k"]] = {}
-        """Patches of each of the last regions, by its centre."""
+        self._cubes_of: dict[tuple[float, ...], list[tuple[int, ...]]] = {}
+        """Cubes of each of the last regions, by its centre."""
 
     def update(
         self,
@@ -82,8 +79,7 @@ class RegionFinder:
 
     def mark_observed(self, region: Region) -> None:
         """Suppress a region from now on: the robot has turned to it at its anchor, and no view is better."""
-        for patch in self._patches_of.get(tuple(region.centre_m.tolist()), ()):
-            self._observed.add(tuple(self._patches.cube[patch].tolist()))
+        self._observed.update(self._cubes_of.get(tuple(region.centre_m.tolist()), ()))
 
     @property
     def observed(self) -> Int[np.ndarray, "n 3"]:
@@ -99,14 +95,10 @@ class RegionFinder:
     ) -> tuple[Region, ...]:
         """The regions that some vertex sees, most uncertain first.
 
-        Args:
-            graph: the road map.
-            grid: what may stand between a vertex and a region.
-            camera_height_m: height that vertices look from [m].
-            preferred: regions are anchored to these vertices if one of them sees them, else to others.
+        Regions are anchored to one of the ``preferred`` vertices if one sees them, else to others. Vertices look from
+        ``camera_height_m`` [m]; the grid tells what stands between.
         """
-        points = self._points
-        self._patches, self._patches_of = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3))), {}
+        points, self._cubes_of = self._points, {}
         if not len(points.uncertainty) or not len(graph.vertex_xy_m):
             return ()
         median = max(float(np.median(points.uncertainty)), 1e-12)
@@ -115,9 +107,7 @@ class RegionFinder:
             uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
         else:
             uncertain &= self._error_m > self.config.region_error_m
-        self._patches = patches = _Patches.of(
-            points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float)
-        )
+        patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
         unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
         anchor = np.full(len(patches.cube), -1, np.int64)
         for vertices in (preferred, np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred)):
@@ -134,7 +124,7 @@ class RegionFinder:
             score = float(relative[np.isin(patches.patch_of, members)].mean())
             centre_m, normal = patches.xyz_m[nearest], patches.normal[nearest]
             found.append(Region(centre_m, normal, num_points, score, int(anchor[members[0]])))
-            self._patches_of[tuple(centre_m.tolist())] = members
+            self._cubes_of[tuple(centre_m.tolist())] = [tuple(cube) for cube in patches.cube[members].tolist()]
         return tuple(sorted(found, key=lambda region: -region.score))
 
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from anm_mj.planning.borders import borders_unknown, traversable_frontier
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
+from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices, prune_spurs
 from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
 from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
-from anm_mj.planning.policies.anm_s.spurs import prune_spurs
-from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import Footprint, Observation, Plan, Region
@@ -55,7 +54,7 @@ class RegionStages(Stages):
             decisions = decision_vertices(graph, kept)
             room = np.full(len(graph.vertex_xy_m), -1)
             if self._with_rooms:
-                room = segment_rooms(graph, now.topdown, self.topdown.trajectory_xy_m[0]).room
+                room = segment_rooms(graph, now.topdown, self.topdown.trajectory_xy_m[0])
         with now.watch.stage("regions"):
             radius_m = self.config.region_radius_m
             # Of what is higher, no region is made.

@@ -14,7 +14,6 @@ class Targets:
     """Remembers where the robot goes and where it failed to go."""
 
     def __init__(self, config: AnmSConfig):
-        """Start without a target."""
         self._config = config
         self.xy_m: Float[np.ndarray, "2"] | None = None
         """The present target [m]; None = there is none."""

@@ -9,46 +9,34 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
+from anm_mj.planning.borders import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
-from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
-from anm_mj.types import Footprint, OccupancyGrid, TopDownMap, VoronoiGraph
+from anm_mj.planning.policies.anm_s.region_stages import RegionState
+from anm_mj.types import Footprint, OccupancyGrid
 
 _AROUND = np.arange(-1, 2)
 """A cell and its neighbours along one axis."""
 
 
 def seen_around(
-    graph: VoronoiGraph,
-    vertices: Int[np.ndarray, " k"],
-    topdown: TopDownMap,
-    frontier_xy_m: Float[np.ndarray, "f 2"],
-    grid: OccupancyGrid,
-    footprint: Footprint,
-    config: AnmSConfig,
+    now: RegionState, vertices: Int[np.ndarray, " k"], grid: OccupancyGrid, footprint: Footprint, config: AnmSConfig
 ) -> Bool[np.ndarray, " k"]:
     """Whether the border around each of some vertices holds nothing unknown and was seen from near enough.
 
-    Only the unknown that the robot fits into counts (``frontier_xy_m``); the border must have been seen between the
-    heights of the body. The grid tells from how near.
+    Only the unknown that the robot fits into counts; the border must have been seen between the heights of the body.
+    The grid tells from how near.
     """
     seen = np.zeros(len(vertices), bool)
-    border = topdown.surface_xy_m
+    border, graph = now.topdown.surface_xy_m, now.graph
     if not len(border):
         return seen
     near = nearest_view_m(grid, footprint, border) <= config.seen_well_m
-    closed = np.flatnonzero(~borders_unknown(graph, frontier_xy_m)[vertices])
+    closed = np.flatnonzero(~borders_unknown(graph, now.frontier_xy_m)[vertices])
     vertex = vertices[closed]
     reach_m = graph.clearance_m[vertex] + BORDER_WIDTH_M
     for i, around in zip(closed, KDTree(border).query_ball_point(graph.vertex_xy_m[vertex], reach_m), strict=True):
         seen[i] = len(around) > 0 and near[around].mean() >= config.seen_well_share
     return seen
-
-
-def within(
-    xy_m: Float[np.ndarray, "n 2"], places_xy_m: list[Float[np.ndarray, "2"]], radius_m: float
-) -> Bool[np.ndarray, " n"]:
-    """Which points are nearer than ``radius_m`` to any of some places [m]."""
-    return num_within(xy_m, places_xy_m, radius_m) > 0
 
 
 def num_within(

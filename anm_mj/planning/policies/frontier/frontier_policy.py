@@ -32,9 +32,8 @@ from skimage.graph import MCP
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.grid_route import GridRoutes
-from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
-from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
@@ -51,15 +50,31 @@ from anm_mj.types import (
     StopReason,
     TopDownMap,
 )
+from anm_mj.utils.settings import setting
 from anm_mj.utils.stopwatch import Stopwatch
 
-EIGHT = np.ones((3, 3), bool)
 NEARER_M = 0.1
 """A place to see the frontier from is taken instead of the one before where it is nearer to it by this [m]. Which cells
 beside the robot can be reached depends on where it stands, so that two places could take turns for ever."""
 OVERTIME = 2.0
 """A frontier is given up after this many times the steps that its path, its crowded parts counted up to twice, and a
 look around take."""
+
+
+@dataclass(frozen=True)
+class FrontierConfig(PolicyConfig):
+    """How far the policy scans, and when it leaves a frontier for later or gives it up."""
+
+    range_m: float = setting(3.0, at_most=100.0)
+    """Depth beyond this is ignored [m]; 3 m as published, 10 m is the camera's range in the paper's protocol."""
+    min_distance_m: float = setting(1.0, at_least=0.0)
+    """Frontiers nearer than this come after all others [m]."""
+    replan_steps: int = 10
+    """The policy decides again after this many steps."""
+    max_gap_m: float = 0.75
+    """A frontier is out of reach when every place the robot can get to is farther from it than this [m]."""
+    given_up_m: float = 0.3
+    """Frontiers this near to one that was given up are given up with it [m]."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +120,6 @@ class Frontier(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path to a frontier; the policy ignores the neural map."""
-        del mapper
-        return self._decide(observation)
-
-    def _decide(self, observation: Observation) -> Plan:
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
@@ -126,7 +137,7 @@ class Frontier(ScanPolicy):
             self._chosen = kept
             return self._go("the same frontier as before", routes, left, watch)
         if not left and self.grid.shrink_collisions(self._driven_m):
-            return self._decide(observation)
+            return self.plan(mapper, observation)
         if not left:
             reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
             return Plan(reason, stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
@@ -184,8 +195,18 @@ class Frontier(ScanPolicy):
     def _within_reach(
         self, found: list[_Frontier], routes: GridRoutes
     ) -> list[tuple[_Frontier, Float[np.ndarray, "2"]]]:
-        """The frontiers that the robot can see from a reachable place, each with that place [m]."""
-        return [(f, place) for f in found if (place := self._place(f, routes)) is not None]
+        """The frontiers that the robot can see from a reachable place, each with that place [m]; without those that it
+        gave up or looks at already.
+        """
+        left = []
+        for frontier in found:
+            contact = frontier.contact_xy_m
+            if (np.linalg.norm(self._given_up_xy_m - contact, axis=1) < self.config.given_up_m).any():
+                continue
+            place = routes.nearest(contact)
+            if math.dist(contact, place) < self.config.max_gap_m and not _is_looked_at(contact, place, routes.pose):
+                left.append((frontier, place))
+        return left
 
     def _without_given_up(
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"]
@@ -198,14 +219,6 @@ class Frontier(ScanPolicy):
             rows, cols = cells[KDTree(self._given_up_xy_m).query(xy_m)[0] < self.config.given_up_m].T
             kept[rows, cols] = np.inf
         return kept
-
-    def _place(self, frontier: _Frontier, routes: GridRoutes) -> Float[np.ndarray, "2"] | None:
-        """Where to see a frontier from [m]; None when the robot gave it up, cannot reach it, or looks at it already."""
-        if (np.linalg.norm(self._given_up_xy_m - frontier.contact_xy_m, axis=1) < self.config.given_up_m).any():
-            return None
-        place = routes.nearest(frontier.contact_xy_m)
-        looked_at = _is_looked_at(frontier.contact_xy_m, place, routes.pose)
-        return None if looked_at or math.dist(frontier.contact_xy_m, place) >= self.config.max_gap_m else place
 
 
 def border_hops(topdown: TopDownMap, pose: Pose2) -> Float[np.ndarray, "rows cols"]:
@@ -221,7 +234,7 @@ def frontiers(topdown: TopDownMap, contact: Float[np.ndarray, "rows cols"]) -> l
     """The border that :func:`border_hops` gives in pieces, connected over eight neighbours, nearest first."""
     border: Bool[np.ndarray, "rows cols"] = np.isfinite(contact)
     labels = np.empty(border.shape, np.int32)
-    count = int(ndimage.label(border, structure=EIGHT, output=labels))  # pyright: ignore[reportArgumentType]
+    count = int(ndimage.label(border, structure=np.ones((3, 3), bool), output=labels))  # pyright: ignore[reportArgumentType]
     if not count:
         return []
     sizes = np.bincount(labels.ravel())

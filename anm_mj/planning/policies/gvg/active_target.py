@@ -32,26 +32,15 @@ class ActiveTarget:
         config: GvgConfig,
         view_side: int,
     ) -> None:
-        """Choose a target.
-
-        Args:
-            viewpoint: where it is.
-            expected_gain_m2: new surface that the view there, and the turns to it, are expected to show [m2].
-            promised: the rays that show it: those where the robot stood, and those at the target.
-            view: what the view alone is expected to show.
-            seen_m2: surface seen so far [m2].
-            config: when a plan may be reused.
-            view_side: sectors on either side of the middle one that a view covers.
-        """
-        self._view_side = view_side
-        self._config = config
+        """Choose a target; a view covers ``view_side`` sectors on either side of the middle one."""
+        self._view_side, self._config = view_side, config
         self._chosen = viewpoint
         self.viewpoint = viewpoint
         """Where it is now."""
         self.expected_gain_m2 = expected_gain_m2
-        """At its choice [m2]."""
+        """New surface that the view there, and the turns to it, were expected to show at its choice [m2]."""
         self.promised = promised
-        """The rays that new surface was expected of."""
+        """The rays that were to show it: those where the robot stood, and those at the target."""
         self.view = view
         """What the view alone was expected to show at its choice."""
         self.seen_before_m2 = seen_m2

@@ -19,24 +19,13 @@ _EDGE = 1.0
 
 
 def unbound_shares(
-    rays: Rays,
-    distance_m: Float[np.ndarray, "n rays"],
-    occupancy: PooledOccupancy,
-    *,
-    side: int,
-    bound_share: float,
+    rays: Rays, distance_m: Float[np.ndarray, "n rays"], occupancy: PooledOccupancy, *, side: int, bound_share: float
 ) -> Float[np.ndarray, "n azimuths"]:
-    """Share that views lack of what it takes to bind the position, for each place and each sector to look along.
+    """Share that views lack of what it takes to bind the position, for each place and each sector to look along: from
+    0, it is bound in all directions, to 1, in one of them not at all.
 
-    Args:
-        rays: of the places.
-        distance_m: their horizontal lengths [m].
-        occupancy: what they end in.
-        side: sectors on either side of the middle one that a view covers.
-        bound_share: a view binds the position where its weakest direction is held by this share of its rays.
-
-    Returns:
-        From 0, the position is bound in all directions, to 1, in one of them not at all.
+    The rays of the places are ``distance_m`` long [m] and end in the occupancy. A view covers ``side`` sectors on both
+    sides of the middle one; it binds the position where its weakest direction is held by ``bound_share`` of its rays.
     """
     count = len(rays.hit)
     end = occupancy.centres(rays.hit.reshape(-1)).reshape(count, NUM_AZIMUTHS, -1, 3)

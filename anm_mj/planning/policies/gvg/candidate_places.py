@@ -35,11 +35,6 @@ class CandidatePlaces:
         return float(self.gain_m2.max())
 
     @property
-    def is_any_worth(self) -> bool:
-        """Whether any view has the least gain that counts."""
-        return self.best_gain_m2 >= self.config.min_gain_m2
-
-    @property
     def discount_steps(self) -> float:
         """The discount length that fits where the gain lies: longer when most of it is far away [steps]."""
         gain = np.where(self.gain_m2 < self.config.min_gain_m2, 0.0, self.gain_m2)

@@ -7,12 +7,10 @@ tours (:mod:`anm_mj.planning.policies.gvg.view_tours`); turns count as steps, be
 of the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
 present target keeps the policy from changing its mind for little.
 
-The policy decides every few steps and on events. Between full decisions it reuses the plan as long as the target's view
-is expected to show about as much as before.
-
-When no reachable view has new surface worth its steps, coverage is complete. Unless that is the goal, the robot goes on
-where its map is worst: views then also count what they improve of known surface, in the same search. With the goal
-"reconstruction" they do so from the start. The run is complete when neither is worth a step.
+Between full decisions the policy reuses the plan as long as the target's view is expected to show about as much as
+before. When no reachable view has new surface worth its steps, coverage is complete. Unless that is the goal, the robot
+goes on where its map is worst: views then also count what they improve of known surface, in the same search. With the
+goal "reconstruction" they do so from the start.
 """
 
 from dataclasses import replace
@@ -100,7 +98,6 @@ class Gvg:
 
     def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Expect nothing of views that a prior run had already, and go on where it lost its patience."""
-        del mapper
         self._stages.continue_from(prior)
         self._prior = prior.poses
         self._tried = remembered(prior, "tried", (None, 4))
@@ -186,7 +183,7 @@ class Gvg:
                 self._gain.suppress_view(Pose2(x, y, yaw))
         if observation.step == self._heard_step:
             self._gain.suppress_view(observation.pose)
-        if self._gain.place_kinds.is_stale(self._gain.occupancy):
+        if self._gain.place_kinds.epoch != self._gain.occupancy.epoch:
             self._gain.place_kinds.update(self._gain.occupancy, observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
@@ -227,7 +224,7 @@ class Gvg:
             return self._choose(state, candidates, gain)
 
     def _choose(self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain) -> Plan:
-        if not candidates.is_any_worth:
+        if candidates.best_gain_m2 < self.config.min_gain_m2:
             return self._stop(state, candidates)
         table, tours = self._best_tours(state, candidates, gain)
         places = table.places

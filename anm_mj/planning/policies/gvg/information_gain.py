@@ -40,9 +40,6 @@ PATCH_CELLS = 3
 RIM_M = 1.0
 """The occupancy ends this much farther away than rays are long [m]."""
 
-Box = tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
-"""Lower and upper corner in the plane [m]."""
-
 
 @dataclass(frozen=True)
 class ExpectedView:
@@ -72,12 +69,7 @@ class InformationGain:
     """Computes expected gains of places, and keeps those that no change of the map has made stale."""
 
     def __init__(self, config: GvgConfig, camera: FieldOfView) -> None:
-        """Start with an empty map.
-
-        Args:
-            config: range, elevations and limits of the gain.
-            camera: the robot's, the same at every place.
-        """
+        """Start with an empty map; the robot's camera is the same at every place."""
         self._config = config
         self.camera = camera
         self.view_side = camera.side_sectors
@@ -86,19 +78,14 @@ class InformationGain:
         self.range_m = min(config.gain_range_m, camera.range_m)
         """A view is expected to show surface up to this distance [m]."""
         self.occupancy = PooledOccupancy(self.range_m + RIM_M)
-        self._rays = RayCache(
-            self.occupancy,
-            camera=camera,
-            range_m=self.range_m,
-            num_elevations=config.num_elevations,
-        )
+        self._rays = RayCache(self.occupancy, camera=camera, range_m=self.range_m, num_elevations=config.num_elevations)
         self._cache = GainCache(config.candidate_spacing_m)
         self.place_kinds = PlaceKinds()
         self._yield_of_kind = np.ones(len(KINDS), np.float32)
         self._improvement: ExpectedImprovement | None = None
         """What views improve of known surface; None as long as only new surface counts."""
-        self._changed: Box | None = None
-        """Where cells have changed or were suppressed since the cache was last read."""
+        self._changed: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
+        """Corners of the area in which cells have changed or were suppressed since the cache was last read [m]."""
 
     @property
     def seen_m2(self) -> float:
@@ -195,7 +182,11 @@ class InformationGain:
         Views that hit the same patches show the same surface. Rays are ordered by azimuth, then by elevation.
         """
         rays = self._rays.cast(places_xy_m)
-        return self._patches(rays), self._ray_gains(rays)
+        _, rows, cols = self.occupancy.state.shape
+        layer, rest = np.divmod(rays.hit, rows * cols)
+        row, col = np.divmod(rest, cols)
+        patch = layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
+        return patch * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS, self._ray_gains(rays)
 
     def unbound_shares(
         self, places_xy_m: Float[np.ndarray, "n 2"], bound_share: float
@@ -257,15 +248,6 @@ class InformationGain:
     def _kinds(self, cells: Int[np.ndarray, " n"], depth: UInt8[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """Kinds of the places of unknown cells that go on for so many cells along a ray."""
         return self.place_kinds.of(cells, depth * self.occupancy.cell_m >= self._config.max_unknown_depth_m)
-
-    def _patches(self, rays: Rays) -> Int[np.ndarray, "n rays"]:
-        """The patch of space that contains the hit of each ray."""
-        _, rows, cols = self.occupancy.state.shape
-        layer, rest = np.divmod(rays.hit, rows * cols)
-        row, col = np.divmod(rest, cols)
-        return (
-            layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
-        ) * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS  # fmt: skip
 
     def _note_change(self, low_xy_m: Float[np.ndarray, "2"], high_xy_m: Float[np.ndarray, "2"]) -> None:
         """Extend the area in which cells have changed to a box [m]."""

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.narrow_gaps import narrow_gaps
-from anm_mj.planning.paths import segments_clear, shortcut_path
+from anm_mj.planning.paths import narrow_gaps, segments_clear, shortcut_path
 from anm_mj.planning.policies.gvg.candidate_places import candidate_places
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
@@ -55,7 +54,7 @@ class NarrowDoors:
 
     def drop_margin(self, state: PlanningState, gain: InformationGain) -> bool:
         """Keep no margin from now on where much is expected behind a narrow passage; whether this may open a way."""
-        _, beyond_m = narrow_gaps(state)
+        _, beyond_m = narrow_gaps(state.paths)
         if not len(beyond_m) or gain.best_view_gains(beyond_m).max() < self._config.large_gain_m2:
             return False
         return self._stages.drop_margin()
@@ -65,12 +64,10 @@ class NarrowDoors:
     ) -> tuple[int, Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
         """The vertex from which to approach a passage worth a look, where to look from, and the place behind it [m].
 
-        None without such a passage.
-
-        What is expected behind it, discounted by the way, is at least ``door_share`` of the best that is expected of
-        places that a path leads to.
+        None without such a passage. What is expected behind it, discounted by the way, is at least ``door_share`` of
+        the best that is expected of places that a path leads to.
         """
-        vertex, beyond_m = narrow_gaps(state)
+        vertex, beyond_m = narrow_gaps(state.paths)
         middle_m = (state.graph.vertex_xy_m[vertex] + beyond_m) / 2
         new = np.array([self._num_looks(xy) < _MAX_LOOKS for xy in middle_m], dtype=bool)
         vertex, beyond_m = vertex[new], beyond_m[new]
@@ -100,7 +97,6 @@ class NarrowDoors:
     def _look(
         self, state: PlanningState, vertex: int, beside_m: Float[np.ndarray, "2"], beyond_m: Float[np.ndarray, "2"]
     ) -> Plan:
-        """The plan that looks at a passage from before it."""
         middle_m = (state.graph.vertex_xy_m[vertex] + beyond_m) / 2
         again = self._num_looks(middle_m) > 0
         self._looked_at_m.append(middle_m)

@@ -33,19 +33,15 @@ class PlaceKinds:
     """The kind of each column as of the last full decision."""
 
     def __init__(self) -> None:
-        """Start with all columns of the first kind."""
         self._first_high = np.iinfo(np.int64).max
         """Flat index into the occupancy from which on all is high."""
         self._first: UInt8[np.ndarray, "rows cols"] = np.zeros((1, 1), np.uint8)
-        self._epoch = -1
-
-    def is_stale(self, occupancy: PooledOccupancy) -> bool:
-        """Whether the occupancy has other columns now."""
-        return self._epoch != occupancy.epoch
+        self.epoch = -1
+        """That of the occupancy whose columns it knows."""
 
     def update(self, occupancy: PooledOccupancy, pose: Pose2) -> None:
         """Judge all columns by the map as it is, and by where the robot stands."""
-        self._epoch = occupancy.epoch
+        self.epoch = occupancy.epoch
         floor, high = (max(math.floor((z - occupancy.origin_m[2]) / occupancy.cell_m + 1e-6), 0) for z in (0.0, HIGH_M))
         is_open = (occupancy.state[floor + 1 : high + 1] == FREE).all(axis=0)
         beside = _near(_reached(is_open, occupancy, pose), BESIDE_M / occupancy.cell_m)

@@ -56,14 +56,8 @@ class PooledOccupancy:
     def update(
         self, grid: OccupancyGrid, window: Window | None
     ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-        """Pool the cells of a window again.
-
-        Args:
-            grid: the occupancy.
-            window: rows and columns in which voxels may have changed since the last update; None for none.
-
-        Returns:
-            Corners of the part in which cells have changed [m]; None when none has.
+        """Pool the cells again of a window in which voxels may have changed since the last update; None for none.
+        Returns the corners of the part in which cells have changed [m]; None when none has.
         """
         self._cover(grid)
         if window is None:
@@ -94,8 +88,7 @@ class PooledOccupancy:
     def contains(self, xyz_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which world points lie inside."""
         low, high = self.origin_m, self.origin_m + np.array(self.state.shape[::-1]) * self.cell_m
-        inside = (xyz_m >= low) & (xyz_m < high)
-        return inside[:, 0] & inside[:, 1] & inside[:, 2]
+        return np.all((xyz_m >= low) & (xyz_m < high), axis=1)
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""

@@ -10,7 +10,6 @@ class StagnationDetector:
     """Keeps the surface seen at each decision."""
 
     def __init__(self, config: GvgConfig) -> None:
-        """Start before the first decision."""
         self._config = config
         self._step: list[int] = []
         self._seen_m2: list[float] = []

@@ -41,14 +41,10 @@ class TransitionTable:
         view_side: int,
         more_steps: Float[np.ndarray, "k azimuths"] | None = None,
     ) -> None:
-        """Compute the costs of all pairs of places.
+        """Compute the costs of all pairs of places; a view covers ``view_side`` sectors beside its middle one.
 
-        Args:
-            places: the places.
-            costs: paths between them.
-            view_side: a view covers so many sectors beside its middle one.
-            more_steps: what a step or turn costs beside itself while the camera looks along each sector at each place
-                [steps]; None = nothing.
+        A step or turn costs ``more_steps`` beside itself while the camera looks along each sector at each place; None =
+        nothing.
         """
         self.places = places
         """What it was made for."""
@@ -78,13 +74,8 @@ class TransitionTable:
     ) -> tuple[Int[np.ndarray, "b k"], Float[np.ndarray, "b k turns"], Float[np.ndarray, "b k turns"]]:
         """The transitions that tours can go on with, to each place and with each of ``TURNS`` after arrival.
 
-        Args:
-            place: where each tour ends.
-            heading: azimuth sector that the robot looks along there.
-            covered: patches that each tour has covered.
-
-        Returns:
-            Azimuth sectors along which the robot arrives, steps, and gains [m2].
+        Each tour ends at a place and heading, an azimuth sector, and has covered some patches. Returns the azimuth
+        sectors along which the robot arrives, steps, and gains [m2].
         """
         each = np.arange(len(place))
         sector_gain = np.where(covered.take(self._patch, axis=1), np.float32(0.0), self._gain_m2).sum(axis=3)

@@ -23,7 +23,6 @@ class TravelCosts:
     """Paths between places: straight where each sees the other, else along the tree of shortest paths."""
 
     def __init__(self, tree: ShortestPathTree) -> None:
-        """Start without any path."""
         self._tree = tree
         self._paths: dict[int, _Path] = {-1: (np.zeros(0, np.int64), 0.0, 0.0)}
 
@@ -32,11 +31,8 @@ class TravelCosts:
     ) -> tuple[Float[np.ndarray, "k k"], Int[np.ndarray, "k k"], Int[np.ndarray, "k k"]]:
         """Steps of the paths between places, and the azimuth sectors along which they leave and arrive.
 
-        Along the tree, a path leads back to the last vertex that both places share and on from there.
-
-        Args:
-            xy_m: the places; the first is where the robot stands [m].
-            vertex: their vertices of the graph; -1 for the robot's own place.
+        The first place is where the robot stands, with the vertex -1. Along the tree, a path leads back to the last
+        vertex that both places share and on from there.
         """
         tree = self._tree
         vertices, arrivals, departures = zip(*(self._path(int(v)) for v in vertex), strict=True)

@@ -20,23 +20,11 @@ MIN_SURFACE_LIKELIHOOD = 0.5
 
 
 def unexplored_patches(
-    occupancy: PooledOccupancy,
-    topdown: TopDownMap,
-    pose: Pose2,
-    *,
-    safe_m: float,
-    range_m: float,
-    camera: FieldOfView,
+    occupancy: PooledOccupancy, topdown: TopDownMap, pose: Pose2, *, safe_m: float, range_m: float, camera: FieldOfView
 ) -> tuple[UnexploredPatch, ...]:
     """The largest patches of unknown cells next to known free ones, largest first.
 
-    Args:
-        occupancy: what was seen.
-        topdown: where the robot can drive.
-        pose: where the robot stands.
-        safe_m: least clearance of its paths [m].
-        range_m: views show surface up to this distance [m].
-        camera: what it sees with.
+    The robot's paths keep ``safe_m`` clearance [m]; its views show surface up to ``range_m`` [m].
     """
     _, steepest = camera.slopes(INSIDE)
     # Around what was seen lies a rim of unknown, as wide as rays are long.

@@ -26,7 +26,6 @@ class UnmeasuredRays:
     """Collects the rays of views until the map holds these views, then finds what they looked into."""
 
     def __init__(self) -> None:
-        """Start without any view."""
         self._waiting: deque[tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "n 3"]]] = deque(maxlen=MAX_WAITING)
         """Where each view looked from and its rays that measured nothing, of horizontal length 1, in the world [m]."""
 
@@ -47,14 +46,10 @@ class UnmeasuredRays:
             self._waiting.append((observation.T_world_camera[:3, 3].copy(), direction))
 
     def take(self, occupancy: PooledOccupancy, range_m: float) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """The first cell that is not free along each of the collected rays, which are forgotten.
+        """The first cell that is not free along each of the collected rays, which are forgotten: flat indices into the
+        occupancy, and horizontal distances [m].
 
-        Args:
-            occupancy: the map, with the views whose rays were added.
-            range_m: horizontal length of the rays [m].
-
-        Returns:
-            Flat indices into the occupancy, and horizontal distances [m].
+        The occupancy holds the views whose rays were added; ``range_m`` is the horizontal length of the rays [m].
         """
         cells, distances = [np.zeros(0, np.int64)], [np.zeros(0)]
         distance_m = np.arange(NEAREST_M, range_m, occupancy.cell_m)

@@ -14,6 +14,7 @@ Deviations:
 - The robot follows paths on the grid instead of a learned point navigator.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from jaxtyping import Float, Float32, Int8
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
-from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
@@ -33,7 +34,6 @@ from anm_mj.planning.policies.upen.occupancy_net import (
     predict,
 )
 from anm_mj.planning.policies.upen.rrt import Tree, grow_tree
-from anm_mj.planning.policies.upen.upen_config import UpenConfig
 from anm_mj.planning.scan_grid import RESOLUTION_M
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
@@ -48,11 +48,31 @@ from anm_mj.types import (
     Pose2,
     TopDownMap,
 )
+from anm_mj.utils.settings import setting
 from anm_mj.utils.stopwatch import Stopwatch
 
 WEIGHTS = Path(__file__).with_name("weights.npz")
 MAX_LOGGED = 20
 """Candidates kept for the plan log."""
+
+
+@dataclass(frozen=True)
+class UpenConfig(PolicyConfig):
+    """The random tree that the policy grows, and how long it follows a path."""
+
+    range_m: float = setting(10.0, at_most=100.0)
+    """Depth beyond this is left out of the policy's own grid [m]."""
+    num_samples: int = setting(2500, at_most=100_000)
+    """Samples that the tree is grown towards."""
+    hop_m: float = 0.25
+    """Length of an edge of the tree [m]."""
+    num_hops: int = setting(10, at_most=1000)
+    """Edges of the paths that are compared."""
+    replan_steps: int = round(10 * 0.25 / FORWARD_STEP_M)
+    """The policy decides again after this many steps: ten of the original's steps of 25 cm, which is about the length
+    of a path. After ten steps of 6.5 cm the robot would turn to one path after the other and follow none."""
+    max_occupied_probability: float = setting(0.5, at_most=1.0)
+    """Paths avoid unknown cells whose mean predicted probability of an obstacle is higher."""
 
 
 class Upen(ScanPolicy):
@@ -70,7 +90,6 @@ class Upen(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path of most disagreement; a random turn where there is no path."""
-        del mapper
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.control.path_follower import Follower
-from anm_mj.planning.policies.anm.anm_config import AnmConfig
-from anm_mj.planning.policies.anm.anm_policy import Anm, _cut_end
+from anm_mj.planning.policies.anm.anm_policy import Anm, AnmConfig, _cut_end
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import Action, Footprint, Pose2, StopReason, SurfacePoints
 from tests.planning.policies.frontier.test_frontier_policy import look

@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anm_mj.planning.borders import borders_unknown
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.contracted_edges import contracted_edges
-from anm_mj.planning.policies.anm_s.spurs import prune_spurs
-from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
+from anm_mj.planning.policies.anm_s.decision_vertices import contracted_edges, prune_spurs
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, TopDownMap
 from tests.planning.worlds import room, see

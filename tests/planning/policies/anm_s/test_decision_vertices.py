@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
+from anm_mj.planning.borders import borders_unknown, traversable_frontier
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.decision_vertices import SPACING_M, decision_vertices
-from anm_mj.planning.policies.anm_s.spurs import prune_spurs
-from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.policies.anm_s.decision_vertices import SPACING_M, decision_vertices, prune_spurs
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import Footprint, Pose2, VoronoiGraph

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from anm_mj.geometry import room_merging
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.planning.policies.anm_s.graph_rooms import NARROWING, segment_rooms
+from anm_mj.planning.policies.anm_s.graph_rooms import NARROWING, edge_bottlenecks, segment_rooms
 from anm_mj.types import OCCUPIED, OccupancyGrid, VoronoiGraph
 from tests.planning.worlds import RESOLUTION_M, room, see
 
@@ -19,6 +19,16 @@ TABLE = (1.6, 1.2, 3.0, 2.2)
 def rooms_of(world, x=2.0, y=1.6):
     graph, topdown = see(world, x, y)
     return segment_rooms(graph, topdown, np.array([x, y])), graph
+
+
+def num_rooms(world, x=2.0, y=1.6):
+    return rooms_of(world, x, y)[0].max() + 1
+
+
+def doors_of(room, graph):
+    """The middles between the borders of the edges between rooms."""
+    _, border_xy_m, _ = edge_bottlenecks(graph)
+    return border_xy_m[room[graph.edges[:, 0]] != room[graph.edges[:, 1]]].mean(axis=1)
 
 
 def row_of_rooms(num):
@@ -60,39 +70,36 @@ class Turned:
 
 def test_two_rooms_meet_at_their_door():
     found, graph = rooms_of(room(8, 3, boxes=DOOR))
-    assert len(found.floor_m2) == 2
-    assert found.door_xy_m == pytest.approx(np.array([[4.25, 1.65]]), abs=0.08)
+    assert doors_of(found, graph) == pytest.approx(np.array([[4.25, 1.65]]), abs=0.08)
     # Every vertex is in the room that it lies in; the door itself may be counted to either.
     x = graph.vertex_xy_m[:, 0]
-    assert set(found.room[x < 4.1]) == {0}
-    assert set(found.room[x > 4.4]) == {1}
-    assert found.floor_m2 == pytest.approx([12.0, 11.7], rel=0.2)
+    assert set(found[x < 4.1]) == {0}
+    assert set(found[x > 4.4]) == {1}
+    assert set(found) == {0, 1}
 
 
 def test_nearest_room_to_the_start_is_the_first():
     found, graph = rooms_of(room(8, 3, boxes=DOOR), 6.0)
-    assert graph.vertex_xy_m[found.room == 0, 0].min() > 4.1
+    assert graph.vertex_xy_m[found == 0, 0].min() > 4.1
 
 
 def test_table_does_not_part_a_room():
     found, _ = rooms_of(room(4.4, 3, boxes=[TABLE]))
-    assert len(found.floor_m2) == 1
-    assert len(found.door_xy_m) == 0
-    assert set(found.room) == {0}
+    assert set(found) == {0}
 
 
 def test_corridor_with_four_rooms_makes_five():
     world, doors = row_of_rooms(4)
     found, graph = rooms_of(world, 1.0, 0.8)
-    assert len(found.floor_m2) == 5
-    assert len(found.door_xy_m) == 4
-    assert np.linalg.norm(doors[:, None] - found.door_xy_m[None], axis=-1).min(axis=1).max() < 0.15
-    assert set(found.room[graph.vertex_xy_m[:, 1] < 1.3]) == {0}
+    assert found.max() + 1 == 5
+    assert len(doors_of(found, graph)) == 4
+    assert np.linalg.norm(doors[:, None] - doors_of(found, graph)[None], axis=-1).min(axis=1).max() < 0.15
+    assert set(found[graph.vertex_xy_m[:, 1] < 1.3]) == {0}
 
 
 def test_wide_opening_is_no_door():
     opening = [(4.2, 0.2, 4.3, 0.7), (4.2, 2.7, 4.3, 3.2)]
-    assert len(rooms_of(room(8, 3, boxes=opening))[0].floor_m2) == 1
+    assert num_rooms(room(8, 3, boxes=opening)) == 1
 
 
 def test_niche_belongs_to_its_room():
@@ -103,7 +110,7 @@ def test_niche_belongs_to_its_room():
         (4.2, 0.2, 8.2, 1.0),
         (4.2, 2.3, 8.2, 3.2),
     ]
-    assert len(rooms_of(room(8, 3, boxes=niche))[0].floor_m2) == 1
+    assert num_rooms(room(8, 3, boxes=niche)) == 1
 
 
 def test_small_disconnected_part_is_no_room():
@@ -111,23 +118,23 @@ def test_small_disconnected_part_is_no_room():
     found, graph = rooms_of(room(8, 3, boxes=cell))
     inside = (np.abs(graph.vertex_xy_m - [5.65, 0.75]) < 0.6).all(axis=1)
     assert inside.any()
-    assert set(found.room[inside]) == {-1}
-    assert set(found.room[~inside]) == {0}
+    assert set(found[inside]) == {-1}
+    assert set(found[~inside]) == {0}
 
 
 def test_edge_of_the_view_is_no_door():
     # The unknown leaves as much as a door between itself and the wall, with wide places to both sides.
     unknown = [(4.0, 1.1, 4.6, 3.2)]
-    assert len(rooms_of(room(8, 3, unknown=unknown))[0].floor_m2) == 1
-    assert len(rooms_of(room(8, 3, boxes=unknown))[0].floor_m2) == 2
+    assert num_rooms(room(8, 3, unknown=unknown)) == 1
+    assert num_rooms(room(8, 3, boxes=unknown)) == 2
 
 
 def test_free_standing_walls_part_rooms():
     # Two rooms with two doors: what is left of the wall between them touches nothing.
     wall = [(4.2, 0.2, 4.3, 0.7), (4.2, 1.6, 4.3, 3.6), (4.2, 4.5, 4.3, 5.2)]
-    found, _ = rooms_of(room(8, 5, boxes=wall))
-    assert len(found.floor_m2) == 2
-    assert len(found.door_xy_m) == 2
+    found, graph = rooms_of(room(8, 5, boxes=wall))
+    assert found.max() + 1 == 2
+    assert len(doors_of(found, graph)) == 2
 
 
 @pytest.mark.parametrize("angle_deg", [0, 17, 45, 73])
@@ -135,10 +142,10 @@ def test_turning_the_plan_turns_the_rooms(angle_deg):
     world, doors = row_of_rooms(2)
     turned = Turned(world, math.radians(angle_deg))
     x, y = turned.turn((1.0, 0.8))
-    found, _ = rooms_of(turned, float(x), float(y))
-    assert len(found.floor_m2) == 3
-    assert len(found.door_xy_m) == 2
-    assert np.linalg.norm(turned.turn(doors)[:, None] - found.door_xy_m[None], axis=-1).min(axis=1).max() < 0.2
+    found, graph = rooms_of(turned, float(x), float(y))
+    assert found.max() + 1 == 3
+    assert len(doors_of(found, graph)) == 2
+    assert np.linalg.norm(turned.turn(doors)[:, None] - doors_of(found, graph)[None], axis=-1).min(axis=1).max() < 0.2
 
 
 def test_cost_grows_linearly_with_the_rooms(monkeypatch):
@@ -150,7 +157,7 @@ def test_cost_grows_linearly_with_the_rooms(monkeypatch):
         world, _ = row_of_rooms(num)
         calls.clear()
         found, graph = rooms_of(world, 1.0, 0.8)
-        assert len(found.floor_m2) == num + 1
+        assert found.max() + 1 == num + 1
         per_room.append(np.array([len(graph.vertex_xy_m), len(graph.edges)]) / num)
         rounds.append(len(calls))
     assert (per_room[1] <= per_room[0]).all()
@@ -191,4 +198,4 @@ def test_merging_at_once_equals_merging_one_by_one(seed, least_m2):
 def test_a_graph_without_vertices_has_no_rooms():
     nothing = VoronoiGraph(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2), np.int64), np.zeros(0))
     found = segment_rooms(nothing, see(room(1, 1), 0.7, 0.7)[1], np.zeros(2))
-    assert len(found.room) == len(found.floor_m2) == len(found.door_xy_m) == 0
+    assert len(found) == 0

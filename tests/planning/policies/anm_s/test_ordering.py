@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.paths import ShortestPathTree
-from anm_mj.planning.policies.anm_s.ordering import own_room, room_distance, room_name
+from anm_mj.planning.policies.anm_s.candidate_vertices import own_room, room_distance, room_name
 from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.types import Pose2, TopDownMap, VoronoiGraph
 

@@ -8,8 +8,7 @@ from anm_mj.frames import world_to_cell
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
-from anm_mj.planning.policies.frontier.frontier_policy import Frontier, border_hops, frontiers
+from anm_mj.planning.policies.frontier.frontier_policy import Frontier, FrontierConfig, border_hops, frontiers
 from anm_mj.planning.scan_grid import LEAST, MOST, RESOLUTION_M
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Plan, Pose2, StopReason, TopDownMap
 from tests.box_room import observe

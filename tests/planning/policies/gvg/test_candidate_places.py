@@ -33,8 +33,3 @@ def test_discount_grows_with_the_distance_of_the_gain_up_to_a_limit():
     assert discount(10.0) == CONFIG.discount_steps
     assert discount(250.0) == 250.0
     assert discount(1e4) == CONFIG.max_discount_ratio * CONFIG.discount_steps
-
-
-def test_without_gain_no_place_is_worth_a_step():
-    assert places([(0, 0), (2, 0)], [0.0, 1.0], [0, 10]).is_any_worth
-    assert not places([(0, 0), (2, 0)], [0.0, 0.05], [0, 10]).is_any_worth

@@ -3,8 +3,7 @@ import pytest
 
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
-from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
-from anm_mj.planning.policies.gvg.gain_yield import GainYield
+from anm_mj.planning.policies.gvg.gain_tracker import GainTracker, GainYield
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import ExpectedView, InformationGain, PromisedRays
 from anm_mj.planning.policies.gvg.place_kinds import KINDS

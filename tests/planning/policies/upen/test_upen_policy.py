@@ -22,8 +22,7 @@ from anm_mj.planning.policies.upen.occupancy_net import (
     predict,
 )
 from anm_mj.planning.policies.upen.rrt import grow_tree
-from anm_mj.planning.policies.upen.upen_config import UpenConfig
-from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, Upen, egocentric_crop, value_along
+from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, Upen, UpenConfig, egocentric_crop, value_along
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap
 from scripts.train_upen import logits
 from tests.planning.policies.frontier.test_frontier_policy import hall, look

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from anm_mj.planning.blocked_path import path_is_blocked
+from anm_mj.planning.steps_ahead import path_is_blocked
 from anm_mj.types import Footprint, Pose2
 from tests.planning.worlds import room
 
