@@ -6,12 +6,11 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.types import Intrinsics
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 
 PANEL_PX = 480
 TARGET_HEIGHT_M = 0.4
@@ -55,7 +54,7 @@ def depth_panel(depth_mm: UInt16[np.ndarray, "rows cols"], far_m: float, intrins
     """Depth in colours from 0 (dark) to ``far_m``, grey where there is none, with its scale."""
     level = np.rint(np.clip(depth_mm / (1000.0 * far_m), 0.0, 1.0) * 255.0).astype(np.uint8)
     image = _depth_table()[level]
-    image[depth_mm == 0] = rgb_of("#9aa0a6")
+    image[depth_mm == 0] = ImageColor.getrgb("#9aa0a6")
     panel, _, _ = _fitted(Image.fromarray(image), intrinsics, Image.Resampling.NEAREST)
     draw = ImageDraw.Draw(panel)
     strip = Image.fromarray(np.tile(_depth_table()[None, ::-1].transpose(1, 0, 2), (1, 12, 1)))

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw
+from PIL.ImageColor import getrgb
 
 from anm_mj.io.plan_file import PlanRecord
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, font
@@ -10,7 +11,6 @@ from anm_mj.replay.oblique_view import ObliqueView, project
 from anm_mj.replay.surface import GrowingMesh
 from anm_mj.types import TopDownMap
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of, tint
 
 SUPERSAMPLING = 2
 """Lines are drawn at this multiple of the panel's size, and averaged."""
@@ -113,7 +113,7 @@ class MapPanel:
         rows, cols = topdown.state.shape
         inside = ((row >= 0) & (row < rows))[:, None] & ((col >= 0) & (col < cols))
         pick = np.ix_(np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1))
-        image = np.where(inside[..., None], tint(topdown)[pick], np.array(rgb_of(palette.UNKNOWN), np.uint8))
+        image = np.where(inside[..., None], palette.tint(topdown)[pick], np.array(getrgb(palette.UNKNOWN), np.uint8))
         return np.ascontiguousarray(image[::-1])
 
     def _px(self, xy_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
@@ -140,7 +140,7 @@ class SurfacePanel:
         side_px = PANEL_PX * SUPERSAMPLING
         self._metres_per_px = float(max(high - low)) / side_px
         self._low_m = (low + high) / 2.0 - side_px * self._metres_per_px / 2.0
-        self._view = ObliqueView(mesh, self._low_m, self._metres_per_px, (side_px, side_px), rgb_of("#f3f4f6"))
+        self._view = ObliqueView(mesh, self._low_m, self._metres_per_px, (side_px, side_px), getrgb("#f3f4f6"))
 
     def draw(
         self, frame: int, trajectory_xy_m: Float[np.ndarray, "n 2"], is_lost: Bool[np.ndarray, " n"] | None = None

@@ -38,7 +38,7 @@ class ObliqueView:
         low_m: Float[np.ndarray, "2"],
         metres_per_px: float,
         size_px: tuple[int, int],
-        background: tuple[int, int, int],
+        background: tuple[int, ...],
     ) -> None:
         self._image = np.full((*size_px, 3), background, np.uint8)
         self._nearest = np.full(size_px[0] * size_px[1], -np.inf, np.float32)

@@ -51,7 +51,7 @@ def replay_page(timeline: Timeline, scene: str | None = None, on_progress: Progr
         "LICENCE": assets.bundle_licence(),
         "BUNDLE": assets.bundle(),
         "DATA": assets.script_json({**_data(timeline, mesh), **images}),
-        "PROGRAM": assets.page_program("theme.js", "view.js", "curve.js", "replay.js"),
+        "PROGRAM": assets.page_asset("theme.js", "view.js", "curve.js", "replay.js"),
     }
     return assets.filled("replay.html", parts)
 
@@ -65,7 +65,7 @@ def pair_page(titles: Sequence[str], pages: Sequence[str]) -> str:
         "RIGHT_TITLE": right,
         "STYLE": assets.page_asset("pair.css"),
         "DATA": assets.script_json(list(pages)),
-        "PROGRAM": assets.page_program("pair.js"),
+        "PROGRAM": assets.page_asset("pair.js"),
     }
     return assets.filled("pair.html", parts)
 

@@ -7,14 +7,10 @@ from pathlib import Path
 import meshcat
 
 
-def page_asset(name: str) -> str:
-    """The text of a file of ``anm_mj/viz/pages``."""
-    return resources.files("anm_mj.viz").joinpath("pages", name).read_text(encoding="utf-8")
-
-
-def page_program(*names: str) -> str:
-    """Scripts of ``anm_mj/viz/pages`` as one, each after those that it stands on."""
-    return "\n".join(map(page_asset, names))
+def page_asset(*names: str) -> str:
+    """The text of files of ``anm_mj/viz/pages``; scripts come after those that they stand on."""
+    pages = resources.files("anm_mj.viz").joinpath("pages")
+    return "\n".join(pages.joinpath(name).read_text(encoding="utf-8") for name in names)
 
 
 def filled(name: str, parts: dict[str, str]) -> str:

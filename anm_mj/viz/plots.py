@@ -1,6 +1,7 @@
 """Figures of a run, rendered without a window system."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -19,8 +20,7 @@ from matplotlib.transforms import Transform
 
 from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import ShownFigure, fit_ratio, plain
-from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
+from anm_mj.viz.figure_file import ShownFigure, fit_ratio, plain, save_figure
 
 DOTS_PER_INCH = 150
 ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
@@ -56,7 +56,8 @@ def topdown_figure(
     axes = figure.add_subplot()
     low, high = topdown.origin_xy_m, topdown.origin_xy_m + topdown.resolution_m * np.array(topdown.state.shape[::-1])
     axes.set_facecolor(palette.UNKNOWN)
-    axes.imshow(tint(topdown), origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="nearest")
+    extent = (low[0], high[0], low[1], high[1])
+    axes.imshow(palette.tint(topdown), origin="lower", extent=extent, interpolation="nearest")
     if graph is not None and len(graph.edges):
         ends = graph.vertex_xy_m[graph.edges]
         axes.add_collection(LineCollection(list(ends), colors=palette.GRAPH, linewidths=1.0, label="Voronoi graph"))
@@ -75,7 +76,7 @@ def topdown_figure(
         space.insert(1, ("no floor", palette.NO_FLOOR))
     figure.legend(
         [_FreeSpace(), *(Patch(fc=colour, ec=EDGE, lw=0.6) for _, colour in space), *drawn],
-        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
+        [f"free, 0 to {palette.FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
         loc="outside lower center",
         ncols=4,
         fontsize=8,
@@ -128,6 +129,26 @@ def curve_figure(
     return figure
 
 
+def draw_fit(
+    path: Path, fitting: Sequence[float | None], residual_m: Sequence[float | None], misfits: Sequence[int]
+) -> None:
+    """Draw how well the frames of a recorded sequence fit their map. ``fitting`` is the share of the known points that
+    the map confirms, None where it knows too little, ``residual_m`` their median distance from the surface; ``misfits``
+    are frames that do not fit.
+    """
+    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for axes, values, label in ((upper, fitting, "fitting points [%]"), (lower, residual_m, "residual [cm]")):
+        known = [(at, 100.0 * value) for at, value in enumerate(values) if value is not None]
+        axes.plot(*np.reshape(known, (-1, 2)).T, ".-", markersize=3, linewidth=0.8)
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=0.0)
+        for at in misfits:
+            axes.axvline(at, color="#c44e52", alpha=0.4, linewidth=1.0)
+    lower.set_xlabel("frame")
+    save_figure(figure, path)
+
+
 def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
     """South-west and north-east corner of the known area with a margin, or of an unknown map as a whole [m]."""
     known = np.argwhere(topdown.state != UNKNOWN)
@@ -157,7 +178,7 @@ class _FreeSpaceSwatch(HandlerBase):
         trans: Transform,
     ) -> list[Artist]:
         part = width / SWATCH_PARTS
-        fills = free_tint(np.linspace(0.0, 1.0, SWATCH_PARTS)) / 255.0
+        fills = palette.free_tint(np.linspace(0.0, 1.0, SWATCH_PARTS)) / 255.0
         drawn: list[Artist] = [
             # A hair wider, so that no seam shows between them in print.
             Rectangle((k * part - xdescent, -ydescent), part * 1.05, height, fc=fill, lw=0.0, transform=trans)

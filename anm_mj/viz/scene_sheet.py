@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from PIL.ImageColor import getrgb
 from scipy.spatial import KDTree
 
 from anm_mj.errors import SceneError
@@ -119,11 +120,11 @@ def _draw_plan(axes: Axes, check: SceneCheck, taken_m: Float[np.ndarray, "k 2"],
     if check.area is None or check.plan is None:
         return
     grid, room = check.area.grid, check.plan.room
-    picture = np.full((*room.shape, 3), [int(GROUND[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+    picture = np.full((*room.shape, 3), np.array(getrgb(GROUND)) / 255.0)
     inside = room > 0
     picture[inside] = (1.0 - PALE) * HUES[(room[inside] - 1) % len(HUES)] + PALE
     stand = check.area.component > 0
-    cut_off = np.array([int(CUT_OFF[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    cut_off = np.array(getrgb(CUT_OFF)) / 255.0
     picture[stand] = np.where((room[stand] > 0)[:, None], HUES[(room[stand] - 1) % len(HUES)], cut_off)
     x, y = grid.origin_xy_m
     extent = (x, x + grid.cols * grid.resolution_m, y, y + grid.rows * grid.resolution_m)

@@ -4,6 +4,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
+from PIL.ImageColor import getrgb
 
 from anm_mj.cli.main import main
 from anm_mj.io.read_run import read_run
@@ -13,12 +14,11 @@ from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
 from anm_mj.replay.surface import growing_mesh
 from anm_mj.replay.timeline import read_timeline
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 from tests.box_room import room_plan
 
 
 def close_to(image, colour, tolerance=30):
-    return np.abs(np.asarray(image).astype(int) - rgb_of(colour)).max(axis=2) < tolerance
+    return np.abs(np.asarray(image).astype(int) - getrgb(colour)).max(axis=2) < tolerance
 
 
 def test_a_film_has_the_frames_of_the_run(run_folder, tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL.ImageColor import getrgb
 
 from anm_mj.io.read_run import Run
 from anm_mj.io.run_folder import RunFolder
@@ -13,7 +14,6 @@ from anm_mj.replay.film_map_and_surface import MapPanel, known_pieces
 from anm_mj.replay.timeline import Timeline
 from anm_mj.types import Intrinsics, Pose2
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 
 
 def timeline(true_y_m=0.0, covariance=None, lost=()):
@@ -63,8 +63,8 @@ def test_the_map_shows_both_trajectories_and_the_ellipse():
         return {tuple(each) for each in image.tolist()}
 
     plain = colours()
-    assert tuple(rgb_of(palette.TRUE)) not in plain
+    assert getrgb(palette.TRUE) not in plain
     with_truth = colours(true_xy_m=shown.true_xy_m, ellipse_m=np.array([0.4, 0.2, 0.5]))
-    assert {tuple(rgb_of(palette.TRUE)), tuple(rgb_of(palette.PATH))} <= with_truth
-    assert tuple(rgb_of(palette.CAMERA)) in plain
-    assert tuple(rgb_of(palette.CAMERA)) not in colours(is_lost=np.ones(8, bool))
+    assert {getrgb(palette.TRUE), getrgb(palette.PATH)} <= with_truth
+    assert getrgb(palette.CAMERA) in plain
+    assert getrgb(palette.CAMERA) not in colours(is_lost=np.ones(8, bool))
