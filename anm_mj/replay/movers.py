@@ -7,13 +7,11 @@ from anm_mj.io.run_records import FrameRecord
 from anm_mj.people.crowd import CHAIR, VACUUM
 from anm_mj.people.walking_floor import BODY
 
-Discs = Float[np.ndarray, "p 4"]
-"""x, y, radius and height of each [m]."""
 _PERSON_HEIGHT_M = 1.7
 
 
-def discs(frame: FrameRecord) -> Discs:
-    """People first, then vacuum robots, then the chair; as many in every frame of a run."""
+def discs(frame: FrameRecord) -> Float[np.ndarray, "p 4"]:
+    """x, y, radius and height [m]: people, then vacuum robots, then the chair; as many in every frame of a run."""
     found = [(*state[:2], BODY.radius_m, _PERSON_HEIGHT_M) for state in frame.people]
     found += [(*state[:2], VACUUM.radius_m, VACUUM.z_max_m) for state in frame.vacuums]
     if frame.chair is not None:

@@ -95,7 +95,8 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "coverage_of": COVERAGE_OF[name],
         "coverage": [None if np.isnan(value) else round(float(value), 2) for value in coverage],
         "mesh": None if mesh is None or not len(mesh.faces) else _mesh(mesh, timeline.num_frames),
-        "table": _base64(table()),
+        # Of 256 levels, even to the eye.
+        "table": _base64(np.rint(255.0 * matplotlib.colormaps["viridis"](np.arange(256))[:, :3]).astype(np.uint8)),
         "frustum": shapes.frustum_corners(run.intrinsics).tolist(),
         "body": {
             "radius": timeline.radius_m,
@@ -192,12 +193,6 @@ def levels(values: np.ndarray, low: float, high: float) -> UInt8[np.ndarray, " n
     """Values as 0 to 255, in the logarithm, from the lower to the higher bound, both positive."""
     share = np.log(np.maximum(values, low) / low) / max(np.log(high / low), 1e-9)
     return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
-
-
-def table() -> UInt8[np.ndarray, "256 3"]:
-    """Colours of 256 levels, even to the eye: viridis."""
-    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, 256))
-    return np.rint(255.0 * colours[:, :3]).astype(np.uint8)
 
 
 def _images(timeline: Timeline, scene: str | None, on_progress: Callable[[int], None]) -> dict[str, Any]:
