@@ -1,26 +1,18 @@
 """``anm-mj drive``: one run on a robot that speaks ROS 2."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from anm_mj.cli.command_line import Fields, Option, Report
-from anm_mj.cli.explore import policy_names, show_run
+from anm_mj.cli.command_line import Option, Report
+from anm_mj.cli.explore import show_run
 from anm_mj.cli.map import topics_by_role
-from anm_mj.cli.option_types import Count, NewFolder, Settings
+from anm_mj.cli.option_types import Count, NewFolder, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
 
 _ROLES = {"colour", "depth", "camera", "odometry", "command"}
-_FIELDS = ("goal", "seed", "device", "preset", "return_to_start")
-
-
-def _run_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    return RunConfig, {name: Option(OPTIONS[name]) for name in _FIELDS} | {
-        "policy": Option(OPTIONS["policy"], names=policy_names)
-    }
+_FIELDS = run_fields("goal", "seed", "device", "preset", "return_to_start", "policy", policy=policy_names)
 
 
 def drive(
@@ -35,7 +27,7 @@ def drive(
     wait: bool = False,
     settings: Settings = (),
     verbose: bool = False,
-    **options: Annotated[Any, Fields(_run_fields)],
+    **options: Annotated[Any, _FIELDS],
 ) -> Report:
     """Explore with a robot that speaks ROS 2, without an installation of ROS, and write a run folder.
 

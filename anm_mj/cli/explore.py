@@ -5,14 +5,13 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option, Report, arguments
-from anm_mj.cli.option_types import NewFolder, Port, Settings
+from anm_mj.cli.command_line import Option, Report, arguments
+from anm_mj.cli.option_types import NewFolder, Port, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
-from anm_mj.planning.policies.registry import policies
 from anm_mj.sim.sensors.sensor_presets import SENSORS
 
 if TYPE_CHECKING:
@@ -22,18 +21,6 @@ if TYPE_CHECKING:
 
 RUN_FAILED = 2
 """Exit status of a run that a fault of its policy, its map or its camera has ended; its files are complete."""
-
-
-def policy_names() -> Iterator[str]:
-    """The names of the policies, with a few words where one has any."""
-    yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
-
-
-def _run_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    names = {"policy": policy_names}
-    return RunConfig, {field: Option(words, names=names.get(field)) for field, words in OPTIONS.items()}
 
 
 def run_config(
@@ -46,7 +33,7 @@ def run_config(
     keep_images: bool = False,
     people: Annotated[int | None, Option("N")] = None,
     settings: Settings = (),
-    **options: Annotated[Any, Fields(_run_fields)],
+    **options: Annotated[Any, run_fields(policy=policy_names)],
 ) -> RunConfig:
     """The configuration that the command line describes.
 

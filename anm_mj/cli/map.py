@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option, Report
-from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
+from anm_mj.cli.command_line import Option, Report
+from anm_mj.cli.option_types import Count, NewFolder, Port, Settings, run_fields
 from anm_mj.errors import ConfigError, RunFolderError
 
 if TYPE_CHECKING:
@@ -23,12 +23,6 @@ _UNPOSED = (
 )
 TALLEST_M = 100.0
 """No robot is higher [m]."""
-
-
-def _map_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    return RunConfig, {field: Option(OPTIONS[field]) for field in ("policy", "preset", "seed", "device")}
 
 
 Metres = Annotated[float, Option("M")]
@@ -68,7 +62,7 @@ def map_recorded(
     view: bool = False,
     port: Port | None = None,
     settings: Settings = (),
-    **options: Annotated[Any, Fields(_map_fields)],
+    **options: Annotated[Any, run_fields("policy", "preset", "seed", "device")],
 ) -> Report:
     """Map a recorded RGB-D sequence, and write a run folder.
 
