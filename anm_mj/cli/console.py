@@ -108,12 +108,6 @@ class _Lines(logging.Handler):
 
 
 def log_to(console: Console, *, verbose: bool = False, quiet: bool = False) -> None:
-    """Send what the project logs to a console, of other packages only warnings.
-
-    Args:
-        console: where to.
-        verbose: details too.
-        quiet: of the project only warnings, too.
-    """
+    """Send what the project logs to a console, ``verbose`` with details; ``quiet`` only warnings, as of others."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Lines(console)], force=True)
     logging.getLogger("anm_mj").setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)

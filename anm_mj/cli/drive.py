@@ -58,7 +58,7 @@ def drive(
         given = {"--out": out, "--steps": steps, "--topic": topic, "--set": settings, "--namespace": namespace}
         for flag in [flag for flag, value in given.items() if value] + [f"--{name}" for name in options]:
             raise ConfigError(f"--resume goes on with the run as it was set up; leave out {flag}.")
-        return show_run(functools.partial(go_on, resume, waits=wait), None, None, verbose=verbose, live=True)
+        return show_run(functools.partial(go_on, resume, waits=wait), verbose=verbose, live=True)
     topics = topics_by_role(topic)
     if strange := sorted(topics.keys() - _ROLES):
         raise ConfigError(f"--topic {strange[0]}=... names no role; give one of {', '.join(sorted(_ROLES))}.")
@@ -73,4 +73,4 @@ def drive(
         dry=dry,
         **options,
     )
-    return show_run(functools.partial(drive_robot, config, out=out, waits=wait), None, None, verbose=verbose, live=True)
+    return show_run(functools.partial(drive_robot, config, out=out, waits=wait), verbose=verbose, live=True)

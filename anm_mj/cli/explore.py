@@ -127,20 +127,15 @@ def _refuse(**given: Any) -> None:
 
 def show_run(
     start: Callable[..., tuple[RunFolder, Metrics]],
-    title: str | None,
-    port: int | None,
+    title: str | None = None,
+    port: int | None = None,
     *,
     verbose: bool,
     live: bool = False,
 ) -> Report:
-    """Run, show how it goes, and print the metrics at the end.
-
-    Args:
-        start: makes the run, given its observers.
-        title: of the page in the browser; None = no page.
-        port: of the page.
-        verbose: whether details are shown.
-        live: whether it also takes a function that says whether the user wants an end.
+    """Make the run, given its observers, show how it goes, with details if ``verbose``, and print the metrics at the
+    end. ``title`` and ``port`` are those of the page in the browser; without a title there is none. A ``live`` run also
+    takes a function that says whether the user wants an end.
     """
     from anm_mj.cli.console import PlainConsole, log_to
     from anm_mj.cli.progress import Interrupt, ProgressLine, live_view

@@ -60,15 +60,9 @@ def write_film(
     scene: str | None = None,
     on_progress: Progress = unheard,
 ) -> None:
-    """Write a film as MP4 (H.264) or GIF, by the file's ending.
-
-    Args:
-        timeline: The run.
-        path: ``.mp4`` or ``.gif``.
-        fps: Frames of the run per second of the film.
-        every: Only every so-manieth frame is shown.
-        scene: Present name or folder of the run's scene, if it has moved; needed where no images were kept.
-        on_progress: Called with frames done and in all.
+    """Write a film as MP4 (H.264) or GIF, by the file's ending. Only ``every`` so-manieth frame of the run is shown,
+    ``fps`` of them per second. ``scene`` is the present name or folder of its scene, if it has moved; needed where no
+    images were kept. Progress counts frames.
 
     Raises:
         FilmError: The file's ending is another, or a number is out of range.
@@ -163,8 +157,7 @@ def _background(legend: Sequence[tuple[str, str]]) -> Image.Image:
 
 
 def _status(timeline: Timeline, index: int) -> str:
-    name, values = timeline.coverage
-    steps = timeline.steps
+    (name, values), steps = timeline.coverage, timeline.steps
     covered = "" if math.isnan(values[index]) else f"   {values[index]:.1f} % {COVERAGE_OF[name]}"
     return f"{_pose_words(timeline, index)}step {steps[index]} of {steps[-1]}{covered}"
 

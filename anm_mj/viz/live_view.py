@@ -59,12 +59,8 @@ class LiveView:
     """Shows a run on a local web page; the run does not depend on it.
 
     The mesh is updated only while a browser is connected, at most every 20 steps, and takes at most 5 % of the run's
-    time. Raises RenderError if no port is free.
-
-    Args:
-        port: The first port to try; the viewer takes the next free one. None starts at 7000.
-        title: What the page is called, such as scene and policy.
-        is_ending: Whether somebody else has asked for the end of the run, which then waits for no page.
+    time. It takes ``port``, by default 7000, or the next free one; ``is_ending`` tells whether somebody else has asked
+    for the end of the run, which then waits for no page. Raises RenderError if no port is free.
     """
 
     def __init__(

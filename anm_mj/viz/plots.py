@@ -89,35 +89,26 @@ def topdown_figure(
 def curve_figure(
     curve: Mapping[str, Float[np.ndarray, " n"]], *, title: str, before_ratio: float | None = None
 ) -> ShownFigure:
-    """Completion over steps.
-
-    Args:
-        curve: By the names of the columns of ``curve.csv``: steps; fraction of the true surface within 5 cm of the
-            observed points, and the same of the observable surface, NaN where that is not known [%]; mean distance of
-            the true surface to the observed points, capped at 1 m [cm]. All may be empty.
-        title: Title of the figure.
-        before_ratio: Completion ratio by the runs that this one goes on from [%]; None for a run that began with
-            nothing.
+    """Completion over steps, from the columns of ``curve.csv``, which may be empty: steps; fraction of the true surface
+    within 5 cm of the observed points, and the same of the observable surface, NaN where that is not known [%]; mean
+    distance of the true surface to the observed points, capped at 1 m [cm]. ``before_ratio`` is the completion ratio by
+    the runs that this one goes on from [%], None if it began with nothing.
     """
     figure = ShownFigure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
     ratio_axes = figure.add_subplot()
     cm_axes = ratio_axes.twinx()
-    steps, completion_ratio, observable_ratio, completion_cm = (
-        curve[name] for name in ("step", "completion_ratio", "observable_ratio", "completion_cm")
-    )
-    lines = []
+    steps, observable_ratio = curve["step"], curve["observable_ratio"]
+    lines: list[Artist] = []
+    ratio: dict[str, Any] = {"color": palette.RATIO}
     if np.isfinite(observable_ratio).any():
-        lines += ratio_axes.plot(
-            steps, observable_ratio, color=palette.RATIO, lw=2.4, label="completion ratio, observable [%]"
-        )
-    lines += ratio_axes.plot(
-        steps, completion_ratio, color=palette.RATIO, lw=1.4, ls="--", label="completion ratio (< 5 cm) [%]"
-    )
+        lines += ratio_axes.plot(steps, observable_ratio, lw=2.4, label="completion ratio, observable [%]", **ratio)
+    label = "completion ratio (< 5 cm) [%]"
+    lines += ratio_axes.plot(steps, curve["completion_ratio"], lw=1.4, ls="--", label=label, **ratio)
     if before_ratio is not None:
-        covered = ratio_axes.axhspan(0.0, before_ratio, color=palette.RATIO, alpha=0.12, lw=0.0)
-        covered.set_label(f"covered before ({before_ratio:.1f} %)")
-        lines.append(covered)
-    lines += cm_axes.plot(steps, completion_cm, color=palette.DISTANCE, lw=1.4, ls="-.", label="completion [cm]")
+        label = f"covered before ({before_ratio:.1f} %)"
+        lines.append(ratio_axes.axhspan(0.0, before_ratio, alpha=0.12, lw=0.0, label=label, **ratio))
+    label = "completion [cm]"
+    lines += cm_axes.plot(steps, curve["completion_cm"], color=palette.DISTANCE, lw=1.4, ls="-.", label=label)
     ratio_axes.set(title=plain(title), xlabel="step", xlim=(0, int(steps.max(initial=1))))
     fit_ratio(ratio_axes)
     ratio_axes.set_ylabel("completion ratio [%]", color=palette.RATIO)
@@ -218,16 +209,8 @@ def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | N
         drawn.set_label("tie to its vertex")
         axes.add_collection(drawn)
     area = 18.0 + 60.0 * np.sqrt([region.num_members / max(r.num_members for r in regions) for region in regions])
-    axes.scatter(
-        *centres.T,
-        s=area,
-        color=palette.REGION,
-        alpha=0.8,
-        edgecolors="white",
-        linewidths=0.6,
-        label="region of interest",
-        zorder=4,
-    )
+    look: dict[str, Any] = {"color": palette.REGION, "alpha": 0.8, "edgecolors": "white", "linewidths": 0.6}
+    axes.scatter(*centres.T, s=area, label="region of interest", zorder=4, **look)
 
 
 def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None:
