@@ -72,7 +72,7 @@ def localise(
         topics=topics_by_role(topics),
         needs_poses=False,
         ignores_poses=True,
-        distortion="files" if distortion is None else lens_distortion(distortion),
+        distortion=lens_distortion(distortion),
     )
     sequence, _ = open_sequence(images, wanted)
     console = PlainConsole()

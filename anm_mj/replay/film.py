@@ -18,10 +18,9 @@ from anm_mj.io.plan_file import PlanRecord
 from anm_mj.io.write import writing
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, empty_panel, font
 from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
-from anm_mj.replay.movers import is_any
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
-from anm_mj.replay.timeline import EMPTY_PATH, Timeline
+from anm_mj.replay.timeline import EMPTY_PATH, Timeline, is_any
 from anm_mj.types import UNKNOWN
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.progress import Progress, unheard

@@ -7,10 +7,9 @@ from PIL.ImageColor import getrgb
 
 from anm_mj.io.plan_file import PlanRecord
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, font
-from anm_mj.replay.movers import discs, leaf_ends, leaves
 from anm_mj.replay.oblique_view import ObliqueView, square_around
 from anm_mj.replay.surface import GrowingMesh
-from anm_mj.replay.timeline import Timeline
+from anm_mj.replay.timeline import Timeline, discs, leaf_ends, leaves
 from anm_mj.types import TopDownMap
 from anm_mj.viz import palette
 

@@ -14,10 +14,9 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.io.plan_file import PlanRecord
-from anm_mj.replay.movers import discs, is_any, leaves
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
-from anm_mj.replay.timeline import Timeline
+from anm_mj.replay.timeline import Timeline, discs, is_any, leaves
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz import assets, palette, shapes
@@ -48,8 +47,8 @@ def replay_page(timeline: Timeline, scene: str | None = None, on_progress: Progr
     parts = {
         "TITLE": html.escape(timeline.title),
         "STYLE": assets.page_asset("style.css"),
-        "LICENCE": assets.bundle_licence(),
-        "BUNDLE": assets.bundle(),
+        "LICENCE": assets.bundle_text("main.min.js.LICENSE.txt").replace("--", "- -"),
+        "BUNDLE": assets.bundle_text("main.min.js"),
         "DATA": assets.script_json({**_data(timeline, mesh), **images}),
         "PROGRAM": assets.page_asset("theme.js", "view.js", "curve.js", "replay.js"),
     }

@@ -26,14 +26,9 @@ def script_json(value: object) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def bundle() -> str:
-    """Meshcat's viewer with three.js as one script; it defines ``MeshCat``."""
-    return (bundle_folder() / "main.min.js").read_text(encoding="utf-8")
-
-
-def bundle_licence() -> str:
-    """The licences of the bundle, to stand in an HTML comment."""
-    return (bundle_folder() / "main.min.js.LICENSE.txt").read_text(encoding="utf-8").replace("--", "- -")
+def bundle_text(name: str) -> str:
+    """The text of a file of meshcat's: its viewer with three.js as one script, which defines ``MeshCat``; licences."""
+    return (bundle_folder() / name).read_text(encoding="utf-8")
 
 
 def bundle_folder() -> Path:

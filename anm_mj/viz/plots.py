@@ -71,17 +71,17 @@ def topdown_figure(
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
     axes.set_title(plain(title), pad=10.0)
     drawn, names = axes.get_legend_handles_labels()
-    space = [("occupied", palette.WALL), ("unknown", palette.UNKNOWN)]
+    free, space = Patch(), [("occupied", palette.WALL), ("unknown", palette.UNKNOWN)]
     if topdown.no_floor is not None and topdown.no_floor.any():
         space.insert(1, ("no floor", palette.NO_FLOOR))
     figure.legend(
-        [_FreeSpace(), *(Patch(fc=colour, ec=EDGE, lw=0.6) for _, colour in space), *drawn],
+        [free, *(Patch(fc=colour, ec=EDGE, lw=0.6) for _, colour in space), *drawn],
         [f"free, 0 to {palette.FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
         loc="outside lower center",
         ncols=4,
         fontsize=8,
         frameon=False,
-        handler_map={_FreeSpace: _FreeSpaceSwatch()},
+        handler_map={free: _FreeSpaceSwatch()},
     )
     return figure
 
@@ -148,10 +148,6 @@ def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
     col_row = np.stack([known.min(axis=0), known.max(axis=0) + 1])[:, ::-1]
     margin = np.array([[-MARGIN_M], [MARGIN_M]])
     return topdown.origin_xy_m + topdown.resolution_m * col_row + margin
-
-
-class _FreeSpace(Patch):
-    """Entry of the legend."""
 
 
 class _FreeSpaceSwatch(HandlerBase):

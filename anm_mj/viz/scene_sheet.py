@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.errors import SceneError
 from anm_mj.types import Pose2
-from anm_mj.viz.figure_file import KINDS, PICTURE, plain, write_figure
+from anm_mj.viz.figure_file import plain, write_figure
 
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
@@ -46,9 +46,9 @@ def write_sheet(
     poses: Sequence[Pose2],
     out: Path,
 ) -> None:
-    """Write a PDF or an SVG where the file's ending says so, else a PNG. ``above`` is the scene from above, x to the
-    right, y up, between the corners ``above_m``, cut at ``cut_m``; of the ``views`` from inside, taken at ``poses``,
-    the first six are shown. Raises SceneError if the file cannot be written.
+    """Write a PNG, a PDF or an SVG, as the file's ending says. ``above`` is the scene from above, x to the right, y up,
+    between the corners ``above_m``, cut at ``cut_m``; of the ``views`` from inside, taken at ``poses``, the first six
+    are shown. Raises SceneError if the file cannot be written.
     """
     low, high = check.scene.bounds_m[:, :2]
     width_m, depth_m = high - low + 2.0 * MARGIN_M
@@ -82,9 +82,8 @@ def write_sheet(
         axes.set(xlim=(low[0] - MARGIN_M, high[0] + MARGIN_M), ylim=(low[1] - MARGIN_M, high[1] + MARGIN_M))
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", facecolor=GROUND)
     figure.legend(handles=_legend(cut_m), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    kind = out.suffix[1:] if out.suffix[1:] in KINDS else PICTURE
     try:
-        write_figure(figure, out, kind)
+        write_figure(figure, out, out.suffix[1:])
     except OSError as err:
         raise SceneError(f"{out} cannot be written ({err.strerror}): choose another place with --out.") from err
 
