@@ -45,7 +45,7 @@ class MapPanel:
         for begin, end in plan.graph.edges:
             draw.line([vertices[begin], vertices[end]], palette.GRAPH, 3)
         for region in plan.regions:
-            draw.circle(*self._px(region.centre_m[None, :2]), 8, palette.REGION)
+            draw.circle(self._px(region.centre_m[None, :2])[0], 8, palette.REGION)
 
     def draw(self, timeline: Timeline, index: int, path_xy_m: Float[np.ndarray, "k 2"]) -> Image.Image:
         """The panel at a frame: where the robot believed to be up to then, where it was, its path, and what moves."""
@@ -60,7 +60,7 @@ class MapPanel:
             if len(line) > 1:
                 draw.line(self._px(line), colour, width, "curve")
         if len(path_xy_m):
-            draw.circle(*self._px(path_xy_m[-1:]), 11, palette.TARGET, "white", 3)
+            draw.circle(self._px(path_xy_m[-1:])[0], 11, palette.TARGET, "white", 3)
         for leaf in leaf_ends(leaves(frame)):
             draw.line(self._px(leaf), palette.PERSON, 8)
         moved = discs(frame)
@@ -69,7 +69,7 @@ class MapPanel:
         if not frame.is_lost:
             self._draw_robot(draw, timeline, index)
         if true_xy_m is not None:
-            draw.circle(*self._px(true_xy_m[index : index + 1]), 6, None, palette.TRUE, 3)
+            draw.circle(self._px(true_xy_m[index : index + 1])[0], 6, None, palette.TRUE, 3)
         return _with_scale(image.reduce(SUPERSAMPLING), self._metres_per_px * SUPERSAMPLING)
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, timeline: Timeline, index: int) -> None:
