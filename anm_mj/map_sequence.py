@@ -229,7 +229,7 @@ def _fit_metrics(
     folder: RunFolder, fits: list[FrameFit], records: list[FrameRecord], verdict: Verdict | None
 ) -> dict[str, Any]:
     """How well frames fit each other and the map; warnings name those that do not."""
-    from anm_mj.viz.fit_picture import draw_fit
+    from anm_mj.viz.plots import draw_fit
 
     positions = np.array([record.T_world_camera[:3, 3] for record in records])
     say_misfits(fits, positions, [record.time_s for record in records])

@@ -15,7 +15,7 @@ import tyro
 
 from anm_mj.bench.read_result import read_results
 from anm_mj.bench.run_result import OBSERVABLE, Result
-from anm_mj.cli.script import run_script
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 
 SHARE = 0.9

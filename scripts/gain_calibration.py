@@ -18,7 +18,7 @@ from typing import Annotated
 import tyro
 from msgspec import Struct
 
-from anm_mj.cli.script import run_script
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 from anm_mj.events import Decided
 from anm_mj.io.jsonl import read_jsonl

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Float32
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from anm_mj.cli.script import run_script
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS, CompletionCurve
 from anm_mj.events import Decided, Stepped

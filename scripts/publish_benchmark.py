@@ -14,7 +14,7 @@ from typing import Annotated
 
 import tyro
 
-from anm_mj.cli.script import run_script
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 from anm_mj.utils.files import file_name, write_text
 from anm_mj.utils.picture import open_picture

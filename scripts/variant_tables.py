@@ -20,7 +20,7 @@ import tyro
 
 from anm_mj.bench.read_result import read_results
 from anm_mj.bench.run_result import OBSERVABLE, Result
-from anm_mj.cli.script import run_script
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 
 LEFT_PERCENT = 5.0

@@ -19,6 +19,7 @@ import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, NoReturn, Union, get_args, get_origin, get_type_hints
 
+from anm_mj.errors import AnmError
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.docstrings import field_texts, parameter_texts
 
@@ -172,6 +173,19 @@ def parse(prog: str, command: Command, words: Sequence[str]) -> tuple[dict[str, 
     if "verbose" in inspect.signature(command).parameters:
         given["verbose"] = manner.verbose
     return {name: value for name, value in given.items() if value is not None}, manner
+
+
+def run_script(main: Callable[..., None]) -> None:
+    """Run the function of a script with the words of the command line; an error of this program is one sentence and
+    exit status 2.
+    """
+    import tyro
+
+    try:
+        tyro.cli(main)
+    except AnmError as err:
+        sys.stderr.write(f"{err}\n")
+        sys.exit(USAGE_ERROR)
 
 
 def fail(prog: str, message: str) -> NoReturn:

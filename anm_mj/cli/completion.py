@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
-from anm_mj.cli.command_line import Argument, Group, arguments, manner_options
+from anm_mj.cli.command_line import Group, arguments, manner_options
 from anm_mj.utils.docstrings import parameter_texts
 
 _BASH = """\
@@ -73,11 +73,9 @@ def _places(path: tuple[str, ...], group: Group) -> Iterator[_Place]:
             flags = {one.flag: one.help for one in known if one.flag}
             flags |= {f"--{name}": text for name, text in manner_options(found).items()} | {"--help": "show help"}
             yield _Place((*path, word), "", flags)
-            yield from (_Place((*path, word), one.flag, _choices(one)) for one in known if _choices(one))
-
-
-def _choices(argument: Argument) -> dict[str, str]:
-    return dict.fromkeys(argument.reading.get("choices", ()), "")
+            for one in known:
+                if choices := one.reading.get("choices"):
+                    yield _Place((*path, word), one.flag, dict.fromkeys(choices, ""))
 
 
 def _case(place: _Place, variable: str) -> str:

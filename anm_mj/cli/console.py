@@ -4,12 +4,11 @@ import json
 import logging
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as ProgressDisplay
 from rich.text import Text
 
 from anm_mj.cli.command_line import Manner
@@ -17,8 +16,6 @@ from anm_mj.utils.progress import Progress
 
 UNUSABLE = 1
 """Exit status of a check that found what it checked unusable."""
-
-
 _WIDE = 10_000
 """Characters of a line where no terminal is: what a program reads is not broken into lines."""
 
@@ -80,25 +77,20 @@ def printable(text: str) -> str:
 
 
 @contextmanager
-def progress_bar(console: Console, words: str) -> Iterator[Progress]:
-    """Show a bar while the block runs; nothing without a terminal.
-
-    Yields:
-        A function to call with what is done and in all.
+def progress_bar(console: Console, words: str, *columns: bars.ProgressColumn) -> Iterator[Progress]:
+    """Show a bar while the block runs, with the ``columns`` behind it, by default the share and the time left; nothing
+    without a terminal. Yields a function to call with what is done and in all.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with ProgressDisplay(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+    columns = columns or (bars.TaskProgressColumn(), bars.TimeRemainingColumn())
+    shown = bars.TextColumn("{task.description}"), bars.BarColumn(), *columns
+    with bars.Progress(*shown, console=console, disable=not console.is_terminal, transient=True) as progress:
         task = progress.add_task(words, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
-@contextmanager
-def busy(console: Console, words: str) -> Iterator[None]:
+def busy(console: Console, words: str) -> AbstractContextManager[Progress]:
     """Show that something goes on, and for how long; nothing without a terminal. For what nobody knows the rest of."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with ProgressDisplay(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        progress.add_task(words, total=None)
-        yield
+    return progress_bar(console, words, bars.TimeElapsedColumn())
 
 
 class _Lines(logging.Handler):
@@ -116,12 +108,6 @@ class _Lines(logging.Handler):
 
 
 def log_to(console: Console, *, verbose: bool = False, quiet: bool = False) -> None:
-    """Send what the project logs to a console, of other packages only warnings.
-
-    Args:
-        console: where to.
-        verbose: details too.
-        quiet: of the project only warnings, too.
-    """
+    """Send what the project logs to a console, ``verbose`` with details; ``quiet`` only warnings, as of others."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Lines(console)], force=True)
     logging.getLogger("anm_mj").setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)

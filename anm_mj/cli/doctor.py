@@ -66,12 +66,23 @@ def report_text(checks: Sequence[Check]) -> str:
     """The checks, and the versions of the packages that the program stands on, as Markdown."""
     import platform
 
-    from anm_mj.cli.version import version
-
     rows = (f"| {check.name} | {check.state.value} | {_cell(f'{check.found} {check.advice}')} |" for check in checks)
     packages = ", ".join(f"{name} {found}" for name, found in _packages())
     head = f"anm-mj {version()}, {platform.platform()}"
     return "\n".join([head, "", "| check | state | found |", "|---|---|---|", *rows, "", f"Packages: {packages}"])
+
+
+def version() -> str:
+    """The version, and of a checkout its revision."""
+    from importlib import metadata
+
+    from anm_mj.io.manifest import git_revision
+    from anm_mj.utils.package_data import checkout
+
+    folder = checkout()
+    git = None if folder is None else git_revision(folder)
+    revision = f" (revision {git['revision'][:12]}{', changed' if git['changed'] else ''})" if git else ""
+    return metadata.version("anm-mj") + revision
 
 
 def without_folders(text: str) -> str:

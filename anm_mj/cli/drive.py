@@ -1,26 +1,18 @@
 """``anm-mj drive``: one run on a robot that speaks ROS 2."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from anm_mj.cli.command_line import Fields, Option, Report
-from anm_mj.cli.explore import policy_names, show_run
+from anm_mj.cli.command_line import Option, Report
+from anm_mj.cli.explore import show_run
 from anm_mj.cli.map import topics_by_role
-from anm_mj.cli.option_types import Count, NewFolder, Settings
+from anm_mj.cli.option_types import Count, NewFolder, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
 
 _ROLES = {"colour", "depth", "camera", "odometry", "command"}
-_FIELDS = ("goal", "seed", "device", "preset", "return_to_start")
-
-
-def _run_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    return RunConfig, {name: Option(OPTIONS[name]) for name in _FIELDS} | {
-        "policy": Option(OPTIONS["policy"], names=policy_names)
-    }
+_FIELDS = run_fields("goal", "seed", "device", "preset", "return_to_start", "policy", policy=policy_names)
 
 
 def drive(
@@ -35,7 +27,7 @@ def drive(
     wait: bool = False,
     settings: Settings = (),
     verbose: bool = False,
-    **options: Annotated[Any, Fields(_run_fields)],
+    **options: Annotated[Any, _FIELDS],
 ) -> Report:
     """Explore with a robot that speaks ROS 2, without an installation of ROS, and write a run folder.
 
@@ -66,7 +58,7 @@ def drive(
         given = {"--out": out, "--steps": steps, "--topic": topic, "--set": settings, "--namespace": namespace}
         for flag in [flag for flag, value in given.items() if value] + [f"--{name}" for name in options]:
             raise ConfigError(f"--resume goes on with the run as it was set up; leave out {flag}.")
-        return show_run(functools.partial(go_on, resume, waits=wait), None, None, verbose=verbose, live=True)
+        return show_run(functools.partial(go_on, resume, waits=wait), verbose=verbose, live=True)
     topics = topics_by_role(topic)
     if strange := sorted(topics.keys() - _ROLES):
         raise ConfigError(f"--topic {strange[0]}=... names no role; give one of {', '.join(sorted(_ROLES))}.")
@@ -81,4 +73,4 @@ def drive(
         dry=dry,
         **options,
     )
-    return show_run(functools.partial(drive_robot, config, out=out, waits=wait), None, None, verbose=verbose, live=True)
+    return show_run(functools.partial(drive_robot, config, out=out, waits=wait), verbose=verbose, live=True)

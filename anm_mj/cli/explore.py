@@ -5,14 +5,13 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option, Report, arguments
-from anm_mj.cli.option_types import NewFolder, Port, Settings
+from anm_mj.cli.command_line import Option, Report, arguments
+from anm_mj.cli.option_types import NewFolder, Port, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
-from anm_mj.planning.policies.registry import policies
 from anm_mj.sim.sensors.sensor_config import SENSORS
 
 if TYPE_CHECKING:
@@ -22,18 +21,6 @@ if TYPE_CHECKING:
 
 RUN_FAILED = 2
 """Exit status of a run that a fault of its policy, its map or its camera has ended; its files are complete."""
-
-
-def policy_names() -> Iterator[str]:
-    """The names of the policies, with a few words where one has any."""
-    yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
-
-
-def _run_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    names = {"policy": policy_names}
-    return RunConfig, {field: Option(words, names=names.get(field)) for field, words in OPTIONS.items()}
 
 
 def run_config(
@@ -46,7 +33,7 @@ def run_config(
     keep_images: bool = False,
     people: Annotated[int | None, Option("N")] = None,
     settings: Settings = (),
-    **options: Annotated[Any, Fields(_run_fields)],
+    **options: Annotated[Any, run_fields(policy=policy_names)],
 ) -> RunConfig:
     """The configuration that the command line describes.
 
@@ -140,20 +127,15 @@ def _refuse(**given: Any) -> None:
 
 def show_run(
     start: Callable[..., tuple[RunFolder, Metrics]],
-    title: str | None,
-    port: int | None,
+    title: str | None = None,
+    port: int | None = None,
     *,
     verbose: bool,
     live: bool = False,
 ) -> Report:
-    """Run, show how it goes, and print the metrics at the end.
-
-    Args:
-        start: makes the run, given its observers.
-        title: of the page in the browser; None = no page.
-        port: of the page.
-        verbose: whether details are shown.
-        live: whether it also takes a function that says whether the user wants an end.
+    """Make the run, given its observers, show how it goes, with details if ``verbose``, and print the metrics at the
+    end. ``title`` and ``port`` are those of the page in the browser; without a title there is none. A ``live`` run also
+    takes a function that says whether the user wants an end.
     """
     from anm_mj.cli.console import PlainConsole, log_to
     from anm_mj.cli.progress import Interrupt, ProgressLine, live_view

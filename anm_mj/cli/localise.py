@@ -1,24 +1,18 @@
 """``anm-mj localise``: where images were taken, in the map of a finished run."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from anm_mj.cli.command_line import Fields, Option
+from anm_mj.cli.command_line import Option
 from anm_mj.cli.map import Metres, lens_distortion, topics_by_role
-from anm_mj.cli.option_types import Count, NewFolder, Settings
+from anm_mj.cli.option_types import Count, NewFolder, Settings, run_fields
 
 NOTHING_FOUND = 1
 """Exit status where no image was found in the map."""
 _LEVEL_M = 1.0
 """Height of images that nobody knows yet [m]; the search has heights of its own."""
-
-
-def _localise_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    return RunConfig, {field: Option(OPTIONS[field]) for field in ("seed", "device")}
 
 
 def localise(
@@ -35,7 +29,7 @@ def localise(
     topics: Annotated[Sequence[str], Option("--topic ROLE=NAME")] = (),
     every: Count = 1,
     settings: Settings = (),
-    **options: Annotated[Any, Fields(_localise_fields)],
+    **options: Annotated[Any, run_fields("seed", "device")],
 ) -> int:
     """Find where RGB-D images were taken, in the map of a finished run.
 
@@ -78,7 +72,7 @@ def localise(
         topics=topics_by_role(topics),
         needs_poses=False,
         ignores_poses=True,
-        distortion="files" if distortion is None else lens_distortion(distortion),
+        distortion=lens_distortion(distortion),
     )
     sequence, _ = open_sequence(images, wanted)
     console = PlainConsole()

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum
 from importlib import metadata
@@ -185,12 +186,10 @@ def check_port() -> Check:
     try:
         from anm_mj.viz.page_server import PageServer
 
-        server = PageServer()
+        with closing(PageServer()) as server:
+            return Check("live view", State.GOOD, f"free at {server.url} (this machine only)")
     except (ImportError, RenderError) as err:
         return Check("live view", State.NOTE, f"not possible: {err}")
-    url = server.url
-    server.close()
-    return Check("live view", State.GOOD, f"free at {url} (this machine only)")
 
 
 def check_memory(available_mib: int | None) -> Check:

@@ -13,7 +13,7 @@ from pathlib import Path
 from anm_mj.cli.bench import bench
 from anm_mj.cli.command_line import USAGE_ERROR, Group, Report, fail, find, parse
 from anm_mj.cli.completion import completion
-from anm_mj.cli.doctor import doctor
+from anm_mj.cli.doctor import doctor, version
 from anm_mj.cli.drive import drive
 from anm_mj.cli.evaluate import evaluate
 from anm_mj.cli.explore import explore
@@ -24,7 +24,6 @@ from anm_mj.cli.robot import robot_check
 from anm_mj.cli.scene import scene_generate, scene_import, scene_list
 from anm_mj.cli.scene_check import scene_check
 from anm_mj.cli.simulate import simulate
-from anm_mj.cli.version import version
 from anm_mj.cli.view import view
 from anm_mj.errors import AnmError
 from anm_mj.utils.extras import missing_package

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from anm_mj.cli.command_line import Fields, Option, Report
-from anm_mj.cli.option_types import Count, NewFolder, Port, Settings
+from anm_mj.cli.command_line import Option, Report
+from anm_mj.cli.option_types import Count, NewFolder, Port, Settings, run_fields
 from anm_mj.errors import ConfigError, RunFolderError
 
 if TYPE_CHECKING:
@@ -23,12 +23,6 @@ _UNPOSED = (
 )
 TALLEST_M = 100.0
 """No robot is higher [m]."""
-
-
-def _map_fields() -> tuple[type, Mapping[str, Option]]:
-    from anm_mj.config import OPTIONS, RunConfig
-
-    return RunConfig, {field: Option(OPTIONS[field]) for field in ("policy", "preset", "seed", "device")}
 
 
 Metres = Annotated[float, Option("M")]
@@ -68,7 +62,7 @@ def map_recorded(
     view: bool = False,
     port: Port | None = None,
     settings: Settings = (),
-    **options: Annotated[Any, Fields(_map_fields)],
+    **options: Annotated[Any, run_fields("policy", "preset", "seed", "device")],
 ) -> Report:
     """Map a recorded RGB-D sequence, and write a run folder.
 
@@ -139,13 +133,11 @@ def map_recorded(
     settings = [*usual, *settings]
     config = make_config(options.pop("preset", DEFAULT_PRESET), settings, scene=str(sequence), **options)
     wanted = SequenceOptions(layout, camera, depth_unit, up, floor, every, by_role)
-    wanted = replace(wanted, match_s=match, max_gap_s=max_gap, max_bad=max_bad)
+    wanted = replace(wanted, match_s=match, max_gap_s=max_gap, max_bad=max_bad, distortion=lens_distortion(distortion))
     if track:
         config = replace(config, pose="slam")
         judged = reference is not None and reference.resolve().is_relative_to(sequence.resolve())
         wanted = replace(wanted, needs_poses=False, ignores_poses=judged)
-    if distortion is not None:
-        wanted = replace(wanted, distortion=lens_distortion(distortion))
     given = Correction(
         poses,
         axes,
@@ -205,12 +197,12 @@ def topics_by_role(topics: Sequence[str]) -> dict[str, str]:
     return dict(topic.split("=", 1) for topic in topics)
 
 
-def lens_distortion(words: str) -> LensDistortion | None:
-    """What ``--distortion`` says; raises ConfigError."""
+def lens_distortion(words: str | None) -> LensDistortion | Literal["files"] | None:
+    """What ``--distortion`` says, ``files`` where it is not given; raises ConfigError."""
     from anm_mj.geometry.lens_distortion import LensDistortion
 
-    if words == "none":
-        return None
+    if words is None or words == "none":
+        return None if words else "files"
     try:
         return LensDistortion.read(words)
     except ValueError as err:

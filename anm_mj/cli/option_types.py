@@ -1,12 +1,13 @@
 """What options hold that several commands have."""
 
 from argparse import ArgumentTypeError
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
-from anm_mj.cli.command_line import Option
+from anm_mj.cli.command_line import Fields, Option
 from anm_mj.errors import ConfigError
+from anm_mj.planning.policies.registry import policies
 
 
 def _place(text: str) -> Path:
@@ -26,6 +27,22 @@ NewFile = Annotated[Path, Option("FILE", _place)]
 NewFolder = Annotated[Path, Option("DIR", _place)]
 Port = Annotated[int, Option("PORT", _port)]
 Settings = Annotated[Sequence[str], Option("--set NAME=VALUE")]
+
+
+def policy_names() -> Iterator[str]:
+    """The names of the policies, with a few words where one has any."""
+    yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
+
+
+def run_fields(*fields: str, **names: Callable[[], Iterable[str]]) -> Fields:
+    """Fields of ``RunConfig`` as options, all where none is given; ``names`` gives what the help of a field lists."""
+
+    def known() -> tuple[type, Mapping[str, Option]]:
+        from anm_mj.config import OPTIONS, RunConfig
+
+        return RunConfig, {field: Option(OPTIONS[field], names=names.get(field)) for field in fields or OPTIONS}
+
+    return Fields(known)
 
 
 def require_ending(out: Path | None, endings: Sequence[str]) -> None:

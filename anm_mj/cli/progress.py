@@ -7,14 +7,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
 from types import FrameType
 
-from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from anm_mj.cli.console import PlainConsole
 from anm_mj.events import Decided, Ended, Observed, Observer, Stepped
 from anm_mj.io.run_events import Started, Surveying, headline
 from anm_mj.types import Plan
@@ -25,15 +25,11 @@ PLAIN_EVERY = 50
 
 
 class ProgressLine:
-    """One live line: step, completion ratio, rate, time left. Without a terminal, plain lines."""
+    """One live line: step, completion ratio, rate, time left; with ``details`` also target, loss and reason. Without a
+    terminal, plain lines.
+    """
 
-    def __init__(self, console: Console, *, details: bool = False):
-        """Nothing is shown before the first step.
-
-        Args:
-            console: where the line is shown.
-            details: whether the line also shows target, loss and reason.
-        """
+    def __init__(self, console: PlainConsole, *, details: bool = False):
         self._console = console
         self._details = details
         self._loss = math.nan
@@ -53,8 +49,7 @@ class ProgressLine:
             self._live.stop()
         elif kind is None and self._ended is not None:
             # The last figures were computed while the map was finished.
-            line = " · ".join(part for part in self._so_far(self._ended.num_steps, self._ended.loop_s) if part)
-            self._console.print(line, highlight=False, soft_wrap=True)
+            self._console.say(_line(self._so_far(self._ended.num_steps, self._ended.loop_s)))
 
     def on_event(self, event: object) -> None:
         """Show an event of the run; see :class:`anm_mj.events.Observer`."""
@@ -95,11 +90,10 @@ class ProgressLine:
                 f"loss {self._loss:.3g}",
                 report.plan.reason,
             ]
-        line = " · ".join(part for part in parts if part)
         if self._live is None:
-            self._console.print(line, highlight=False, soft_wrap=True)
+            self._console.say(_line(parts))
         else:
-            self._live.update(Text(line, no_wrap=True, overflow="ellipsis"))
+            self._live.update(Text(_line(parts), no_wrap=True, overflow="ellipsis"))
 
     def _so_far(self, step: int, loop_s: float) -> list[str]:
         """Step, completion with the step that it is of, and rate."""
@@ -117,23 +111,17 @@ class ProgressLine:
         if step <= first or step >= num_steps:
             return ""
         left_s = round((time.monotonic() - begun_s) / (step - first) * (num_steps - step))
-        return (
-            f"{left_s // 3600}:{left_s // 60 % 60:02d}:{left_s % 60:02d} left"
-            if left_s >= 3600
-            else (f"{left_s // 60}:{left_s % 60:02d} left")
-        )
+        minutes, seconds = divmod(left_s, 60)
+        hours_minutes = f"{minutes // 60}:{minutes % 60:02d}" if minutes >= 60 else str(minutes)
+        return f"{hours_minutes}:{seconds:02d} left"
 
 
 class FrameLine:
-    """How far a recorded sequence is mapped; without a terminal also what the policy would do, now and then."""
+    """How far a recorded sequence is mapped: ``on_progress`` is told it; without a terminal also what the policy would
+    do, now and then.
+    """
 
-    def __init__(self, console: Console, on_progress: Progress):
-        """Nothing is shown before the first frame.
-
-        Args:
-            console: where lines are shown.
-            on_progress: called with the frames done and all frames.
-        """
+    def __init__(self, console: PlainConsole, on_progress: Progress):
         self._console, self._on_progress = console, on_progress
         self._total = 0
         self._plan: Plan | None = None
@@ -148,7 +136,12 @@ class FrameLine:
             done = event.observation.step + 1
             self._on_progress(done, self._total)
             if not self._console.is_terminal and (done % PLAIN_EVERY == 0 or done == self._total):
-                self._console.print(f"frame {done}/{self._total}{_intent(self._plan)}", highlight=False, soft_wrap=True)
+                self._console.say(f"frame {done}/{self._total}{_intent(self._plan)}")
+
+
+def _line(parts: Iterable[str]) -> str:
+    """What is known, in one line."""
+    return " · ".join(filter(None, parts))
 
 
 def _intent(plan: Plan | None) -> str:
@@ -164,19 +157,20 @@ _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Interrupt:
-    """The first signal ends the run after its present step, the second ends the program.
+    """The first signal ends the run after its present step, and prints what is ``said``; the second ends the program.
 
     What is ignored stays ignored, such as SIGHUP below ``nohup``.
     """
 
+    is_requested = False
+    """Whether the end of the run was asked for."""
+
     def __init__(
         self,
-        console: Console,
+        console: PlainConsole,
         said: str = "Ending after this step and writing everything; Ctrl-C again to quit at once.",
     ):
-        """Nothing is requested yet; ``said`` is printed at the first signal."""
         self._console, self._said = console, said
-        self._requested = False
 
     def __enter__(self) -> Interrupt:
         numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
@@ -188,19 +182,14 @@ class Interrupt:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
-    @property
-    def is_requested(self) -> bool:
-        """Whether the end of the run was asked for."""
-        return self._requested
-
     def on_event(self, event: object) -> bool:
         """Whether the end of the run was asked for; see :class:`anm_mj.events.Observer`."""
-        return self._requested
+        return self.is_requested
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._requested:
+        if self.is_requested:
             signal.default_int_handler(number, frame)
-        self._requested = True
+        self.is_requested = True
         if number == getattr(signal, "SIGHUP", None):
             # The terminal is gone: what is written to it from now on would end the program before the files.
             nowhere = open(os.devnull, "w")  # noqa: SIM115
@@ -210,23 +199,14 @@ class Interrupt:
 
 @contextmanager
 def live_view(title: str | None, port: int | None, interrupt: Interrupt) -> Iterator[list[Observer]]:
-    """Show the page while the block runs.
-
-    Args:
-        title: Of the page; None = no page.
-        port: The first to try; None = the first that is usual.
-        interrupt: Knows whether the user has asked for the end elsewhere.
-
-    Yields:
-        The page as an observer; nothing without one.
+    """Show a page of this title while the block runs, None = none. ``port`` is the first to try, None = the usual one;
+    ``interrupt`` knows whether the user has asked for the end elsewhere. Yields the page as an observer, if there is
+    one.
     """
     if title is None:
         yield []
         return
     from anm_mj.viz.live_view import LiveView
 
-    viewer = LiveView(port=port, title=title, is_ending=lambda: interrupt.is_requested)
-    try:
+    with closing(LiveView(port=port, title=title, is_ending=lambda: interrupt.is_requested)) as viewer:
         yield [viewer]
-    finally:
-        viewer.close()

@@ -48,19 +48,11 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     # What MuJoCo alone makes of a URDF is not what runs here.
     plain = plain_fault(path, found.root) if root_tag(path) == "mujoco" else ""
     console.say(*describe(found, test), *([f"warning: {plain}"] if plain else []))
-    T_base_camera = found.T_base_camera
-    images, width_m = robot_views(found.spec, found.root, found.T_root_base, T_base_camera, found.footprint, backend)
-    out = out or Path(f"{found.name}_check.png")
-    save_robot_sheet(
-        out,
-        images,
-        width_m,
-        name=f"{found.name}: {found.kind}, {found.mass_kg:.1f} kg",
-        footprint=found.footprint,
-        track_m=found.track_m,
-        wheel_radius_m=found.wheel_radius_m,
-        camera_m=T_base_camera[2, 3],
+    images, width_m = robot_views(
+        found.spec, found.root, found.T_root_base, found.T_base_camera, found.footprint, backend
     )
+    out = out or Path(f"{found.name}_check.png")
+    save_robot_sheet(out, images, width_m, found)
     console.say(f"picture: {out}")
     wrong = problems(found, test)
     facts = robot_facts(found) | {"drive": test, "problems": wrong, "picture": out}
@@ -81,6 +73,7 @@ def describe(robot: RobotDescription, test: DriveTrial) -> list[str]:
     x, y, z = robot.T_base_camera[:3, 3]
     ahead = robot.T_base_camera[:3, 2]
     tilt_deg, aside_deg = -math.degrees(math.asin(ahead[2])), math.degrees(math.atan2(ahead[1], ahead[0]))
+    tilt = "level" if abs(tilt_deg) < 0.5 else f"{abs(tilt_deg):.0f} deg {'down' if tilt_deg > 0 else 'up'}"
     body = robot.footprint
     half = len(robot.wheel_joints) // 2
     lines = [f"{robot.name}: {robot.kind}, {robot.mass_kg:.1f} kg"]
@@ -97,7 +90,7 @@ def describe(robot: RobotDescription, test: DriveTrial) -> list[str]:
     lines += [
         f"footprint: circle of radius {body.radius_m:.3f} m about the base, heights {body.z_min_m:.2f} to "
         f"{body.z_max_m:.2f} m; it passes doors from {2.0 * body.radius_m:.2f} m on",
-        f"camera: {robot.camera} at ({x:.3f}, {y:.3f}, {z:.3f}) m, {_tilt(tilt_deg)}, {aside_deg:+.0f} deg to the "
+        f"camera: {robot.camera} at ({x:.3f}, {y:.3f}, {z:.3f}) m, {tilt}, {aside_deg:+.0f} deg to the "
         f"left, vertical field of view {robot.fovy_deg:.0f} deg",
         f"centre of mass: {robot.centre_of_mass_m[0]:+.3f} m ahead, {robot.centre_of_mass_m[2]:.3f} m up",
     ]
@@ -133,9 +126,3 @@ def problems(robot: RobotDescription, test: DriveTrial) -> list[str]:
     elif test.moved_m < (1.0 - _CLOSE) * test.asked_m or test.turned_rad < (1.0 - _CLOSE) * test.asked_rad:
         found.append("On an empty floor the physics drive falls short of what was asked; look at mass and friction.")
     return found
-
-
-def _tilt(tilt_deg: float) -> str:
-    if abs(tilt_deg) < 0.5:
-        return "level"
-    return f"{abs(tilt_deg):.0f} deg {'down' if tilt_deg > 0 else 'up'}"

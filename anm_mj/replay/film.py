@@ -15,12 +15,11 @@ from PIL import Image, ImageDraw
 
 from anm_mj.errors import AnmError
 from anm_mj.io.write import writing
-from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, font
-from anm_mj.replay.film_map_and_surface import MARGIN_M, MapPanel, SurfacePanel
-from anm_mj.replay.movers import discs, is_any, leaf_ends, leaves
+from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, empty_panel, font
+from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
-from anm_mj.replay.timeline import Timeline
+from anm_mj.replay.timeline import Timeline, is_any
 from anm_mj.types import UNKNOWN, Plan
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.progress import Progress, unheard
@@ -43,8 +42,6 @@ LEGEND = (
     ("target", palette.TARGET),
     ("robot", palette.CAMERA),
 )
-
-
 TRUTH, PEOPLE = ("true", palette.TRUE), ("person", palette.PERSON)
 
 
@@ -61,15 +58,9 @@ def write_film(
     scene: str | None = None,
     on_progress: Progress = unheard,
 ) -> None:
-    """Write a film as MP4 (H.264) or GIF, by the file's ending.
-
-    Args:
-        timeline: The run.
-        path: ``.mp4`` or ``.gif``.
-        fps: Frames of the run per second of the film.
-        every: Only every so-manieth frame is shown.
-        scene: Present name or folder of the run's scene, if it has moved; needed where no images were kept.
-        on_progress: Called with frames done and in all.
+    """Write a film as MP4 (H.264) or GIF, by the file's ending. Only ``every`` so-manieth frame of the run is shown,
+    ``fps`` of them per second. ``scene`` is the present name or folder of its scene, if it has moved; needed where no
+    images were kept. Progress counts frames.
 
     Raises:
         FilmError: The file's ending is another, or a number is out of range.
@@ -110,7 +101,7 @@ def film_frames(
     run, total = timeline.run, timeline.num_frames
     mesh = growing_mesh(run, MAX_FACES, with_errors=False)
     surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
-    map_panel = MapPanel(*_bounds(timeline, mesh), timeline.radius_m)
+    map_panel = MapPanel(_known_xy_m(timeline, mesh), timeline.radius_m)
     far_m = _far_m(timeline)
     truth = (TRUTH,) if timeline.true_xy_m is not None else ()
     background = _background((*LEGEND, *truth, *((PEOPLE,) if is_any(run.frames[0]) else ())))
@@ -124,15 +115,11 @@ def film_frames(
             shown, plan, reason = decided, timeline.plan(decided), run.plans[decided].get("reason", "")
             map_panel.decide(plan)
         target = plan.path_xy_m[-1] if len(plan.path_xy_m) else None
-        trajectory, is_lost = timeline.xy_m[: index + 1], timeline.is_lost[: index + 1]
-        true = None if timeline.true_xy_m is None else timeline.true_xy_m[: index + 1]
-        ellipse = timeline.ellipse_m(index)
-        moved = discs(frame), leaf_ends(leaves(frame))
         panels = (
             colour_panel(rgb, frame, run.intrinsics, target),
             depth_panel(run.depth_mm(frame), far_m, run.intrinsics),
-            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target, true, is_lost, ellipse, *moved),
-            surface.draw(index, trajectory, is_lost) if surface else _no_surface(),
+            map_panel.draw(timeline, index, plan.path_xy_m),
+            surface.draw(timeline, index) if surface else empty_panel("no mesh: the run did not end", "#f3f4f6"),
         )
         yield np.asarray(_composed(background, panels, timeline.title, _status(timeline, index), reason))
 
@@ -168,8 +155,7 @@ def _background(legend: Sequence[tuple[str, str]]) -> Image.Image:
 
 
 def _status(timeline: Timeline, index: int) -> str:
-    name, values = timeline.coverage
-    steps = timeline.steps
+    (name, values), steps = timeline.coverage, timeline.steps
     covered = "" if math.isnan(values[index]) else f"   {values[index]:.1f} % {COVERAGE_OF[name]}"
     return f"{_pose_words(timeline, index)}step {steps[index]} of {steps[-1]}{covered}"
 
@@ -194,15 +180,8 @@ def _cut(text: str, draw: ImageDraw.ImageDraw) -> str:
     return shown[:fitting] + " …"
 
 
-def _no_surface() -> Image.Image:
-    panel = Image.new("RGB", (PANEL_PX, PANEL_PX), "#f3f4f6")
-    text = "no mesh: the run did not end"
-    ImageDraw.Draw(panel).text((PANEL_PX // 2, PANEL_PX // 2), text, "#5d6570", font(18), anchor="mm")
-    return panel
-
-
-def _bounds(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Corners of what the map panel shows: all that is known at the end."""
+def _known_xy_m(timeline: Timeline, mesh: GrowingMesh | None) -> Float[np.ndarray, "n 2"]:
+    """What the map panel shows: all that is known at the end, world [m]."""
     points = [timeline.xy_m[~timeline.is_lost], *([] if timeline.true_xy_m is None else [timeline.true_xy_m])]
     if mesh is not None:
         points.append(mesh.vertices_m[:, :2].astype(np.float64))
@@ -211,8 +190,7 @@ def _bounds(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.ndar
     if last is not None:
         row, col = np.nonzero(last.state != UNKNOWN)
         points.append(last.origin_xy_m + last.resolution_m * np.stack([col, row], axis=1))
-    both = np.concatenate(points)
-    return both.min(axis=0) - MARGIN_M, both.max(axis=0) + MARGIN_M
+    return np.concatenate(points)
 
 
 def _far_m(timeline: Timeline) -> float:

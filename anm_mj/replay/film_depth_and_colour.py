@@ -6,12 +6,11 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.types import Intrinsics
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 
 PANEL_PX = 480
 TARGET_HEIGHT_M = 0.4
@@ -25,6 +24,13 @@ def font(size_px: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size_px)
 
 
+def empty_panel(text: str, background: str) -> Image.Image:
+    """Words in the place of a picture."""
+    panel = Image.new("RGB", (PANEL_PX, PANEL_PX), background)
+    ImageDraw.Draw(panel).text((PANEL_PX // 2, PANEL_PX // 2), text, "#5d6570", font(18), anchor="mm")
+    return panel
+
+
 def colour_panel(
     rgb: UInt8[np.ndarray, "h w 3"] | None,
     frame: FrameRecord,
@@ -33,21 +39,18 @@ def colour_panel(
 ) -> Image.Image:
     """The camera's picture with a pin at the target; grey where there is no picture."""
     if rgb is None:
-        panel = Image.new("RGB", (PANEL_PX, PANEL_PX), "#cdd2d8")
-        text = "no colour images"
-        ImageDraw.Draw(panel).text((PANEL_PX // 2, PANEL_PX // 2), text, "#5d6570", font(18), anchor="mm")
-        return panel
+        return empty_panel("no colour images", "#cdd2d8")
     panel, scale, corner = _fitted(Image.fromarray(rgb), intrinsics)
     if target_xy_m is not None:
         foot, head = (
             _pixel(np.array([*target_xy_m, z]), frame.T_world_camera, intrinsics) for z in (0.0, TARGET_HEIGHT_M)
         )
         if foot is not None and head is not None:
-            (x0, y0), (x1, y1) = foot * scale + corner, head * scale + corner
+            pin = [tuple(end * scale + corner) for end in (foot, head)]
             draw = ImageDraw.Draw(panel)
-            draw.line([(x0, y0), (x1, y1)], "white", 5)
-            draw.line([(x0, y0), (x1, y1)], palette.TARGET, 3)
-            draw.ellipse([x1 - 8, y1 - 8, x1 + 8, y1 + 8], palette.TARGET, "white", 2)
+            draw.line(pin, "white", 5)
+            draw.line(pin, palette.TARGET, 3)
+            draw.circle(pin[1], 8, palette.TARGET, "white", 2)
     return panel
 
 
@@ -55,7 +58,7 @@ def depth_panel(depth_mm: UInt16[np.ndarray, "rows cols"], far_m: float, intrins
     """Depth in colours from 0 (dark) to ``far_m``, grey where there is none, with its scale."""
     level = np.rint(np.clip(depth_mm / (1000.0 * far_m), 0.0, 1.0) * 255.0).astype(np.uint8)
     image = _depth_table()[level]
-    image[depth_mm == 0] = rgb_of("#9aa0a6")
+    image[depth_mm == 0] = ImageColor.getrgb("#9aa0a6")
     panel, _, _ = _fitted(Image.fromarray(image), intrinsics, Image.Resampling.NEAREST)
     draw = ImageDraw.Draw(panel)
     strip = Image.fromarray(np.tile(_depth_table()[None, ::-1].transpose(1, 0, 2), (1, 12, 1)))
@@ -91,4 +94,4 @@ def _fitted(
 
 @lru_cache
 def _depth_table() -> UInt8[np.ndarray, "256 3"]:
-    return np.rint(255.0 * matplotlib.colormaps["turbo"](np.linspace(0.0, 1.0, 256))[:, :3]).astype(np.uint8)
+    return np.rint(255.0 * matplotlib.colormaps["turbo"](np.arange(256))[:, :3]).astype(np.uint8)

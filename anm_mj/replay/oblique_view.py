@@ -19,6 +19,8 @@ POINTS_PER_PIXEL = 1.3
 SHADE = 0.45
 """Share of a face's brightness that depends on the light."""
 LIGHT = np.array([0.35, -0.55, 0.75])
+MARGIN_M = 0.4
+"""Around what a picture shows [m]."""
 
 
 def project(points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
@@ -27,23 +29,25 @@ def project(points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
     return np.stack([x, y * math.cos(TILT_RAD) + z * math.sin(TILT_RAD)], axis=1)
 
 
-class ObliqueView:
-    """The picture of a mesh as it grows. ``low_m`` is the lower left corner of the picture in the projection,
-    ``size_px`` rows and columns.
-    """
+def square_around(points_m: Float[np.ndarray, "n 2"], side_px: int) -> tuple[Float[np.ndarray, "2"], float]:
+    """Lower left corner [m] and metres per pixel of a square picture that shows points with a margin."""
+    low, high = points_m.min(axis=0) - MARGIN_M, points_m.max(axis=0) + MARGIN_M
+    metres_per_px = float(max(high - low)) / side_px
+    return (low + high) / 2.0 - side_px * metres_per_px / 2.0, metres_per_px
 
-    def __init__(
-        self,
-        mesh: GrowingMesh,
-        low_m: Float[np.ndarray, "2"],
-        metres_per_px: float,
-        size_px: tuple[int, int],
-        background: tuple[int, int, int],
-    ) -> None:
-        self._image = np.full((*size_px, 3), background, np.uint8)
-        self._nearest = np.full(size_px[0] * size_px[1], -np.inf, np.float32)
-        self._mesh, self._low_m, self._metres_per_px = mesh, low_m, metres_per_px
-        self._drawn = 0
+
+class ObliqueView:
+    """The square picture of a mesh as it grows."""
+
+    def __init__(self, mesh: GrowingMesh, side_px: int, background: tuple[int, ...]) -> None:
+        self._image = np.full((side_px, side_px, 3), background, np.uint8)
+        self._nearest = np.full(side_px * side_px, -np.inf, np.float32)
+        self._mesh, self._drawn = mesh, 0
+        self._low_m, self._metres_per_px = square_around(project(mesh.vertices_m), side_px)
+
+    def place_px(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """World points [m] in the picture, from its lower left corner."""
+        return (project(points_m) - self._low_m) / self._metres_per_px
 
     def at(self, frame: int) -> UInt8[np.ndarray, "rows cols 3"]:
         """The picture as of a frame, a view of an array that changes; to be asked for in order."""
@@ -75,7 +79,7 @@ class ObliqueView:
         num_points = points_m.shape[1]
         flat = points_m.reshape(-1, 3)
         rows, cols = self._image.shape[:2]
-        place = np.floor((project(flat) - self._low_m) / self._metres_per_px).astype(np.int64)
+        place = np.floor(self.place_px(flat)).astype(np.int64)
         col, row = place[:, 0], rows - 1 - place[:, 1]
         near = (flat @ TO_VIEWER).astype(np.float32)
         inside = np.flatnonzero((col >= 0) & (col < cols) & (row >= 0) & (row < rows))

@@ -13,10 +13,9 @@ import matplotlib
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from anm_mj.replay.movers import discs, is_any, leaves
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
-from anm_mj.replay.timeline import Timeline
+from anm_mj.replay.timeline import Timeline, discs, is_any, leaves
 from anm_mj.types import Plan
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.utils.progress import Progress, unheard
@@ -48,10 +47,10 @@ def replay_page(timeline: Timeline, scene: str | None = None, on_progress: Progr
     parts = {
         "TITLE": html.escape(timeline.title),
         "STYLE": assets.page_asset("style.css"),
-        "LICENCE": assets.bundle_licence(),
-        "BUNDLE": assets.bundle(),
+        "LICENCE": assets.bundle_text("main.min.js.LICENSE.txt").replace("--", "- -"),
+        "BUNDLE": assets.bundle_text("main.min.js"),
         "DATA": assets.script_json({**_data(timeline, mesh), **images}),
-        "PROGRAM": assets.page_program("theme.js", "view.js", "curve.js", "replay.js"),
+        "PROGRAM": assets.page_asset("theme.js", "view.js", "curve.js", "replay.js"),
     }
     return assets.filled("replay.html", parts)
 
@@ -65,7 +64,7 @@ def pair_page(titles: Sequence[str], pages: Sequence[str]) -> str:
         "RIGHT_TITLE": right,
         "STYLE": assets.page_asset("pair.css"),
         "DATA": assets.script_json(list(pages)),
-        "PROGRAM": assets.page_program("pair.js"),
+        "PROGRAM": assets.page_asset("pair.js"),
     }
     return assets.filled("pair.html", parts)
 
@@ -95,7 +94,8 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
         "coverage_of": COVERAGE_OF[name],
         "coverage": [None if np.isnan(value) else round(float(value), 2) for value in coverage],
         "mesh": None if mesh is None or not len(mesh.faces) else _mesh(mesh, timeline.num_frames),
-        "table": _base64(table()),
+        # Of 256 levels, even to the eye.
+        "table": _base64(np.rint(255.0 * matplotlib.colormaps["viridis"](np.arange(256))[:, :3]).astype(np.uint8)),
         "frustum": shapes.frustum_corners(run.intrinsics).tolist(),
         "body": {
             "radius": timeline.radius_m,
@@ -192,12 +192,6 @@ def levels(values: np.ndarray, low: float, high: float) -> UInt8[np.ndarray, " n
     """Values as 0 to 255, in the logarithm, from the lower to the higher bound, both positive."""
     share = np.log(np.maximum(values, low) / low) / max(np.log(high / low), 1e-9)
     return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
-
-
-def table() -> UInt8[np.ndarray, "256 3"]:
-    """Colours of 256 levels, even to the eye: viridis."""
-    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, 256))
-    return np.rint(255.0 * colours[:, :3]).astype(np.uint8)
 
 
 def _images(timeline: Timeline, scene: str | None, on_progress: Callable[[int], None]) -> dict[str, Any]:

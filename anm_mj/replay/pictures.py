@@ -1,5 +1,6 @@
 """The colour images of a finished run: those it kept, or rendered again from its scene."""
 
+import itertools
 import logging
 from collections.abc import Iterator
 
@@ -34,6 +35,4 @@ def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "
         _logger.warning("The run kept no colour images, and they cannot be rendered again: %s", err)
         yield from [None] * len(run.frames)
         return
-    yield first.rgb
-    for observation in rendered:
-        yield observation.rgb
+    yield from (observation.rgb for observation in itertools.chain((first,), rendered))

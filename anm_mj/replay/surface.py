@@ -1,25 +1,30 @@
-"""The final mesh of a run as replay and film show it: how certain it is, and when each face was first seen."""
+"""The final mesh of a run as replay and film show it: how certain it is, and when each face was first seen.
+
+A vertex appears with the first frame whose depth has a surface within a tolerance of it. So nothing has to be stored
+during the run, and a run of an older version grows as well.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.surface_distance import surface_distance
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import Run
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.replay.growth import first_seen
+from anm_mj.types import Intrinsics
 from anm_mj.utils.progress import Progress, unheard
 from anm_mj.viz.shapes import CEILING_CUT_M
 
 LARGE_M2, FAR_M = 1.0, 0.3
 """Pieces of the surface of less area are left out where no larger one lies above, below or so near beside them [m]."""
+TOLERANCE_M, TOLERANCE_SHARE = 0.06, 0.02
+"""A vertex is seen where depth differs from its own by less than this [m], plus this share of it."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +96,7 @@ def without_shards(vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, 
     """Which faces to show: none of the small pieces far from all large ones, as glimpses through windows leave them."""
     if not len(faces):
         return np.zeros(0, bool)
-    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
-    links = coo_matrix((np.ones(ends.shape[1], bool), tuple(ends)), shape=(len(vertices_m),) * 2)
-    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    piece = connected_components(faces[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices_m))[faces[:, 0]]
     a, b, c = vertices_m[faces].transpose(1, 0, 2)
     area_m2 = np.bincount(piece, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
     middle = ((a + b + c) / 3.0)[:, :2]
@@ -105,9 +108,55 @@ def without_shards(vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, 
     return is_large | (near_faces[piece] > 0)
 
 
+def first_seen(
+    run: Run, vertices_m: Float[np.ndarray, "v 3"], on_progress: Progress = unheard
+) -> Int[np.ndarray, " v"]:
+    """Index of the frame that first saw each vertex; a vertex that none saw takes that of its nearest neighbour.
+
+    In a continued run, what none of its frames saw was there from the start. Depth and believed poses of the run are
+    read. Raises RunFolderError if a depth image is missing or damaged.
+    """
+    points = np.asarray(vertices_m, np.float32)
+    first = np.full(len(points), -1)
+    waiting = np.arange(len(points))
+    for index, frame in enumerate(run.frames):
+        if len(waiting):
+            depth_m = run.depth_mm(frame).astype(np.float32) / 1000.0
+            seen = _seen(points[waiting], depth_m, run.intrinsics, frame.T_world_camera)
+            first[waiting[seen]] = index
+            waiting = waiting[~seen]
+        on_progress(index + 1, len(run.frames))
+    if len(waiting) and run.manifest.get("continued_from"):
+        first[waiting] = 0
+    elif len(waiting):
+        found = first >= 0
+        first[waiting] = first[found][KDTree(points[found]).query(points[waiting])[1]] if found.any() else 0
+    return first
+
+
 def _of_faces(
     vertices: np.ndarray, faces: np.ndarray, rgb: np.ndarray, which: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     kept = faces[which(vertices, faces)]
     used, place = np.unique(kept, return_inverse=True)
     return vertices[used], place.reshape(-1, 3), rgb[used]
+
+
+def _seen(
+    points_m: Float32[np.ndarray, "n 3"],
+    depth_m: Float32[np.ndarray, "rows cols"],
+    intrinsics: Intrinsics,
+    T_world_camera: Float[np.ndarray, "4 4"],
+) -> np.ndarray:
+    """Which points a frame has a surface at."""
+    rotation, origin = T_world_camera[:3, :3].astype(np.float32), T_world_camera[:3, 3].astype(np.float32)
+    x, y, z = ((points_m - origin) @ rotation).T
+    safe_z = np.where(z > 0.05, z, np.float32(1.0))
+    rows, cols = depth_m.shape
+    col = np.floor((intrinsics.fx * x / safe_z + intrinsics.cx) * (cols / intrinsics.width)).astype(np.int64)
+    row = np.floor((intrinsics.fy * y / safe_z + intrinsics.cy) * (rows / intrinsics.height)).astype(np.int64)
+    inside = (z > 0.05) & (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
+    seen = np.zeros(len(points_m), bool)
+    measured = depth_m[row[inside], col[inside]]
+    seen[inside] = (measured > 0.0) & (np.abs(measured - z[inside]) < TOLERANCE_M + TOLERANCE_SHARE * z[inside])
+    return seen

@@ -1,4 +1,4 @@
-"""A finished run, frame by frame: where the robot was, what it had decided, what it had covered."""
+"""A finished run, frame by frame: where the robot was, what it had decided, what it had covered, what moved."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,42 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.plan_file import read_plan
 from anm_mj.io.read_run import Run, read_run, run_title
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.people.crowd import CHAIR, VACUUM
+from anm_mj.people.walking_floor import BODY
 from anm_mj.types import DEFAULT_FOOTPRINT, Plan
+
+_PERSON_HEIGHT_M = 1.7
+
+
+def read_timeline(path: Path) -> "Timeline":
+    """Open a run folder. Raises RunFolderError if the folder contains no run, or a file in it is damaged."""
+    return Timeline(read_run(path))
+
+
+def discs(frame: FrameRecord) -> Float[np.ndarray, "p 4"]:
+    """x, y, radius and height [m]: people, then vacuum robots, then the chair; as many in every frame of a run."""
+    found = [(*state[:2], BODY.radius_m, _PERSON_HEIGHT_M) for state in frame.people]
+    found += [(*state[:2], VACUUM.radius_m, VACUUM.z_max_m) for state in frame.vacuums]
+    if frame.chair is not None:
+        found.append((*frame.chair[:2], CHAIR.radius_m, CHAIR.z_max_m))
+    return np.array(found, float).reshape(-1, 4)
+
+
+def leaves(frame: FrameRecord) -> Float[np.ndarray, "d 4"]:
+    """Of each leaf of a door: x and y of the hinge [m], yaw [rad], length [m]."""
+    return np.array(frame.doors, float).reshape(-1, 4)
+
+
+def leaf_ends(states: Float[np.ndarray, "d 4"]) -> Float[np.ndarray, "d 2 2"]:
+    """Hinge and free end of each leaf [m]."""
+    along = np.column_stack([np.cos(states[:, 2]), np.sin(states[:, 2])])
+    return np.stack([states[:, :2], states[:, :2] + states[:, 3:] * along], axis=1)
+
+
+def is_any(frame: FrameRecord) -> bool:
+    """Whether anything moves in the run of a frame."""
+    return bool(len(discs(frame)) or len(frame.doors))
 
 
 @dataclass(frozen=True)
@@ -102,8 +137,3 @@ class Timeline:
             if known.any():
                 return name, np.interp(self.steps, curve["step"][known], curve[key][known], left=np.nan)
         return "completion", np.full(self.num_frames, np.nan)
-
-
-def read_timeline(path: Path) -> Timeline:
-    """Open a run folder. Raises RunFolderError if the folder contains no run, or a file in it is damaged."""
-    return Timeline(read_run(path))

@@ -7,14 +7,10 @@ from pathlib import Path
 import meshcat
 
 
-def page_asset(name: str) -> str:
-    """The text of a file of ``anm_mj/viz/pages``."""
-    return resources.files("anm_mj.viz").joinpath("pages", name).read_text(encoding="utf-8")
-
-
-def page_program(*names: str) -> str:
-    """Scripts of ``anm_mj/viz/pages`` as one, each after those that it stands on."""
-    return "\n".join(map(page_asset, names))
+def page_asset(*names: str) -> str:
+    """The text of files of ``anm_mj/viz/pages``; scripts come after those that they stand on."""
+    pages = resources.files("anm_mj.viz").joinpath("pages")
+    return "\n".join(pages.joinpath(name).read_text(encoding="utf-8") for name in names)
 
 
 def filled(name: str, parts: dict[str, str]) -> str:
@@ -30,14 +26,9 @@ def script_json(value: object) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def bundle() -> str:
-    """Meshcat's viewer with three.js as one script; it defines ``MeshCat``."""
-    return (bundle_folder() / "main.min.js").read_text(encoding="utf-8")
-
-
-def bundle_licence() -> str:
-    """The licences of the bundle, to stand in an HTML comment."""
-    return (bundle_folder() / "main.min.js.LICENSE.txt").read_text(encoding="utf-8").replace("--", "- -")
+def bundle_text(name: str) -> str:
+    """The text of a file of meshcat's: its viewer with three.js as one script, which defines ``MeshCat``; licences."""
+    return (bundle_folder() / name).read_text(encoding="utf-8")
 
 
 def bundle_folder() -> Path:

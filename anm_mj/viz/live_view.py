@@ -15,6 +15,7 @@ from jaxtyping import Float, UInt8
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from meshcat.geometry import Object
 from meshcat.path import Path
+from PIL.ImageColor import getrgb
 
 from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
@@ -23,9 +24,8 @@ from anm_mj.protocols import Mapper
 from anm_mj.types import DEFAULT_FOOTPRINT, Observation, Plan, StopReason
 from anm_mj.utils.picture import jpeg_url
 from anm_mj.viz import palette, shapes
-from anm_mj.viz.assets import filled, page_asset, page_program, script_json
+from anm_mj.viz.assets import filled, page_asset, script_json
 from anm_mj.viz.page_server import FIRST_PORT, PageServer
-from anm_mj.viz.tint import rgb_of
 
 logger = logging.getLogger(__name__)
 
@@ -59,12 +59,8 @@ class LiveView:
     """Shows a run on a local web page; the run does not depend on it.
 
     The mesh is updated only while a browser is connected, at most every 20 steps, and takes at most 5 % of the run's
-    time. Raises RenderError if no port is free.
-
-    Args:
-        port: The first port to try; the viewer takes the next free one. None starts at 7000.
-        title: What the page is called, such as scene and policy.
-        is_ending: Whether somebody else has asked for the end of the run, which then waits for no page.
+    time. It takes ``port``, by default 7000, or the next free one; ``is_ending`` tells whether somebody else has asked
+    for the end of the run, which then waits for no page. Raises RenderError if no port is free.
     """
 
     def __init__(
@@ -74,7 +70,7 @@ class LiveView:
             "TITLE": "anm-mj",
             "STYLE": page_asset("style.css"),
             "DATA": script_json(LEGEND),
-            "PROGRAM": page_program("theme.js", "curve.js", "live.js"),
+            "PROGRAM": page_asset("theme.js", "curve.js", "live.js"),
         }
         self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts), self._on_word)
         self._is_ending = is_ending
@@ -231,13 +227,13 @@ class LiveView:
         self._transform("/meshcat", trimesh.transformations.translation_matrix([-xy_m[0], -xy_m[1], 0.0]))
 
     def _object(self, name: str, thing: Object) -> None:
-        self._server.publish(SetObject(thing, path=_path(f"/meshcat/{name}")))
+        self._server.publish(SetObject(thing, path=Path().append(f"/meshcat/{name}")))
 
     def _transform(self, path: str, T: Float[np.ndarray, "4 4"]) -> None:
-        self._server.publish(SetTransform(T, _path(path)))
+        self._server.publish(SetTransform(T, Path().append(path)))
 
     def _property(self, path: str, key: str, value: object) -> None:
-        self._server.publish(SetProperty(key, value, _path(path)))
+        self._server.publish(SetProperty(key, value, Path().append(path)))
 
 
 def _end(event: Ended) -> str:
@@ -251,9 +247,5 @@ def _with_moved(observation: Observation) -> UInt8[np.ndarray, "h w 3"]:
     """The colour image, with moved pixels tinted."""
     if observation.moved_m is None:
         return observation.rgb
-    tinted = observation.rgb // 2 + np.array(rgb_of(palette.PERSON), np.uint8) // 2
+    tinted = observation.rgb // 2 + np.array(getrgb(palette.PERSON), np.uint8) // 2
     return np.where(np.isfinite(observation.moved_m)[..., None], tinted, observation.rgb)
-
-
-def _path(path: str) -> Path:
-    return Path(tuple(path.strip("/").split("/")))

@@ -1,5 +1,11 @@
 """Colours of what figures, film and pages draw, as ``#rrggbb``; each has one meaning everywhere."""
 
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL.ImageColor import getrgb
+
+from anm_mj.types import FREE, OCCUPIED, TopDownMap
+
 UNKNOWN, WALL = "#c6c3bd", "#3a3a3f"
 NO_FLOOR = "#8fb0a3"
 """A drop, and the outside beyond it."""
@@ -34,8 +40,29 @@ TRUTH_LEGEND = (
     ("people", "people", PERSON),
 )
 """What a replay adds for a robot that may be wrong about where it is, and among people."""
+FULL_CLEARANCE_M = 1.5
+"""Clearance from which free space has the brightest tint [m]."""
 
 
 def number(colour: str) -> int:
     """A colour as 0xRRGGBB, as three.js takes it."""
     return int(colour.removeprefix("#"), 16)
+
+
+def free_tint(share: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape 3"]:
+    """Colour of free space at shares of the full clearance, 0 beside an obstacle to 1."""
+    near, clear = (np.array(getrgb(colour), float) for colour in (NEAR, CLEAR))
+    return np.rint(near + (clear - near) * np.clip(share, 0.0, 1.0)[..., None]).astype(np.uint8)
+
+
+def tint(topdown: TopDownMap) -> UInt8[np.ndarray, "rows cols 3"]:
+    """Colours of the cells."""
+    image = np.empty((*topdown.state.shape, 3), np.uint8)
+    image[:] = getrgb(UNKNOWN)
+    free = topdown.state == FREE
+    image[free] = free_tint(topdown.clearance_m[free] / FULL_CLEARANCE_M)
+    occupied = topdown.state == OCCUPIED
+    image[occupied] = getrgb(WALL)
+    if topdown.no_floor is not None:
+        image[occupied & topdown.no_floor] = getrgb(NO_FLOOR)
+    return image

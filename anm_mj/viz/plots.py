@@ -1,6 +1,7 @@
 """Figures of a run, rendered without a window system."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -19,8 +20,7 @@ from matplotlib.transforms import Transform
 
 from anm_mj.types import UNKNOWN, Plan, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import ShownFigure, fit_ratio, plain
-from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
+from anm_mj.viz.figure_file import ShownFigure, fit_ratio, plain, save_figure
 
 DOTS_PER_INCH = 150
 ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
@@ -56,7 +56,8 @@ def topdown_figure(
     axes = figure.add_subplot()
     low, high = topdown.origin_xy_m, topdown.origin_xy_m + topdown.resolution_m * np.array(topdown.state.shape[::-1])
     axes.set_facecolor(palette.UNKNOWN)
-    axes.imshow(tint(topdown), origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="nearest")
+    extent = (low[0], high[0], low[1], high[1])
+    axes.imshow(palette.tint(topdown), origin="lower", extent=extent, interpolation="nearest")
     if graph is not None and len(graph.edges):
         ends = graph.vertex_xy_m[graph.edges]
         axes.add_collection(LineCollection(list(ends), colors=palette.GRAPH, linewidths=1.0, label="Voronoi graph"))
@@ -70,17 +71,17 @@ def topdown_figure(
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
     axes.set_title(plain(title), pad=10.0)
     drawn, names = axes.get_legend_handles_labels()
-    space = [("occupied", palette.WALL), ("unknown", palette.UNKNOWN)]
+    free, space = Patch(), [("occupied", palette.WALL), ("unknown", palette.UNKNOWN)]
     if topdown.no_floor is not None and topdown.no_floor.any():
         space.insert(1, ("no floor", palette.NO_FLOOR))
     figure.legend(
-        [_FreeSpace(), *(Patch(fc=colour, ec=EDGE, lw=0.6) for _, colour in space), *drawn],
-        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
+        [free, *(Patch(fc=colour, ec=EDGE, lw=0.6) for _, colour in space), *drawn],
+        [f"free, 0 to {palette.FULL_CLEARANCE_M:g} m clear", *(name for name, _ in space), *names],
         loc="outside lower center",
         ncols=4,
         fontsize=8,
         frameon=False,
-        handler_map={_FreeSpace: _FreeSpaceSwatch()},
+        handler_map={free: _FreeSpaceSwatch()},
     )
     return figure
 
@@ -88,35 +89,26 @@ def topdown_figure(
 def curve_figure(
     curve: Mapping[str, Float[np.ndarray, " n"]], *, title: str, before_ratio: float | None = None
 ) -> ShownFigure:
-    """Completion over steps.
-
-    Args:
-        curve: By the names of the columns of ``curve.csv``: steps; fraction of the true surface within 5 cm of the
-            observed points, and the same of the observable surface, NaN where that is not known [%]; mean distance of
-            the true surface to the observed points, capped at 1 m [cm]. All may be empty.
-        title: Title of the figure.
-        before_ratio: Completion ratio by the runs that this one goes on from [%]; None for a run that began with
-            nothing.
+    """Completion over steps, from the columns of ``curve.csv``, which may be empty: steps; fraction of the true surface
+    within 5 cm of the observed points, and the same of the observable surface, NaN where that is not known [%]; mean
+    distance of the true surface to the observed points, capped at 1 m [cm]. ``before_ratio`` is the completion ratio by
+    the runs that this one goes on from [%], None if it began with nothing.
     """
     figure = ShownFigure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
     ratio_axes = figure.add_subplot()
     cm_axes = ratio_axes.twinx()
-    steps, completion_ratio, observable_ratio, completion_cm = (
-        curve[name] for name in ("step", "completion_ratio", "observable_ratio", "completion_cm")
-    )
-    lines = []
+    steps, observable_ratio = curve["step"], curve["observable_ratio"]
+    lines: list[Artist] = []
+    ratio: dict[str, Any] = {"color": palette.RATIO}
     if np.isfinite(observable_ratio).any():
-        lines += ratio_axes.plot(
-            steps, observable_ratio, color=palette.RATIO, lw=2.4, label="completion ratio, observable [%]"
-        )
-    lines += ratio_axes.plot(
-        steps, completion_ratio, color=palette.RATIO, lw=1.4, ls="--", label="completion ratio (< 5 cm) [%]"
-    )
+        lines += ratio_axes.plot(steps, observable_ratio, lw=2.4, label="completion ratio, observable [%]", **ratio)
+    label = "completion ratio (< 5 cm) [%]"
+    lines += ratio_axes.plot(steps, curve["completion_ratio"], lw=1.4, ls="--", label=label, **ratio)
     if before_ratio is not None:
-        covered = ratio_axes.axhspan(0.0, before_ratio, color=palette.RATIO, alpha=0.12, lw=0.0)
-        covered.set_label(f"covered before ({before_ratio:.1f} %)")
-        lines.append(covered)
-    lines += cm_axes.plot(steps, completion_cm, color=palette.DISTANCE, lw=1.4, ls="-.", label="completion [cm]")
+        label = f"covered before ({before_ratio:.1f} %)"
+        lines.append(ratio_axes.axhspan(0.0, before_ratio, alpha=0.12, lw=0.0, label=label, **ratio))
+    label = "completion [cm]"
+    lines += cm_axes.plot(steps, curve["completion_cm"], color=palette.DISTANCE, lw=1.4, ls="-.", label=label)
     ratio_axes.set(title=plain(title), xlabel="step", xlim=(0, int(steps.max(initial=1))))
     fit_ratio(ratio_axes)
     ratio_axes.set_ylabel("completion ratio [%]", color=palette.RATIO)
@@ -128,6 +120,26 @@ def curve_figure(
     return figure
 
 
+def draw_fit(
+    path: Path, fitting: Sequence[float | None], residual_m: Sequence[float | None], misfits: Sequence[int]
+) -> None:
+    """Draw how well the frames of a recorded sequence fit their map. ``fitting`` is the share of the known points that
+    the map confirms, None where it knows too little, ``residual_m`` their median distance from the surface; ``misfits``
+    are frames that do not fit.
+    """
+    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for axes, values, label in ((upper, fitting, "fitting points [%]"), (lower, residual_m, "residual [cm]")):
+        known = [(at, 100.0 * value) for at, value in enumerate(values) if value is not None]
+        axes.plot(*np.reshape(known, (-1, 2)).T, ".-", markersize=3, linewidth=0.8)
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=0.0)
+        for at in misfits:
+            axes.axvline(at, color="#c44e52", alpha=0.4, linewidth=1.0)
+    lower.set_xlabel("frame")
+    save_figure(figure, path)
+
+
 def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
     """South-west and north-east corner of the known area with a margin, or of an unknown map as a whole [m]."""
     known = np.argwhere(topdown.state != UNKNOWN)
@@ -136,10 +148,6 @@ def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
     col_row = np.stack([known.min(axis=0), known.max(axis=0) + 1])[:, ::-1]
     margin = np.array([[-MARGIN_M], [MARGIN_M]])
     return topdown.origin_xy_m + topdown.resolution_m * col_row + margin
-
-
-class _FreeSpace(Patch):
-    """Entry of the legend."""
 
 
 class _FreeSpaceSwatch(HandlerBase):
@@ -157,7 +165,7 @@ class _FreeSpaceSwatch(HandlerBase):
         trans: Transform,
     ) -> list[Artist]:
         part = width / SWATCH_PARTS
-        fills = free_tint(np.linspace(0.0, 1.0, SWATCH_PARTS)) / 255.0
+        fills = palette.free_tint(np.linspace(0.0, 1.0, SWATCH_PARTS)) / 255.0
         drawn: list[Artist] = [
             # A hair wider, so that no seam shows between them in print.
             Rectangle((k * part - xdescent, -ydescent), part * 1.05, height, fc=fill, lw=0.0, transform=trans)
@@ -197,16 +205,8 @@ def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | N
         drawn.set_label("tie to its vertex")
         axes.add_collection(drawn)
     area = 18.0 + 60.0 * np.sqrt([region.num_members / max(r.num_members for r in regions) for region in regions])
-    axes.scatter(
-        *centres.T,
-        s=area,
-        color=palette.REGION,
-        alpha=0.8,
-        edgecolors="white",
-        linewidths=0.6,
-        label="region of interest",
-        zorder=4,
-    )
+    look: dict[str, Any] = {"color": palette.REGION, "alpha": 0.8, "edgecolors": "white", "linewidths": 0.6}
+    axes.scatter(*centres.T, s=area, label="region of interest", zorder=4, **look)
 
 
 def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None:

@@ -1,7 +1,10 @@
 """Draws a robot from three sides as one PNG, with its measures and a legend."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import UInt8
@@ -12,30 +15,24 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from anm_mj.io.write import writing
-from anm_mj.types import Footprint
 from anm_mj.viz.figure_file import plain
+
+if TYPE_CHECKING:
+    from anm_mj.robot.description import RobotDescription
 
 SIDES = ("from the front", "from its left", "from above")
 FOOTPRINT, CAMERA, MEASURE = "#d9261a", "#1a59e6", "#1f1f1f"
 
 
 def save_robot_sheet(
-    path: Path,
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
-    width_m: float,
-    *,
-    name: str,
-    footprint: Footprint,
-    track_m: float,
-    wheel_radius_m: float,
-    camera_m: float,
+    path: Path, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], width_m: float, robot: RobotDescription
 ) -> None:
     """Write the picture. The ``images`` of :func:`anm_mj.sim.robot_views.robot_views` show ``width_m`` from side to
-    side and from top to bottom; ``track_m`` and ``wheel_radius_m`` are 0 without wheels; ``camera_m`` is the height of
-    the camera above the floor. Raises RunFolderError if the file cannot be written.
+    side and from top to bottom. Raises RunFolderError if the file cannot be written.
     """
     figure = Figure(figsize=(11.4, 4.6), layout="constrained")
-    half, radius, top = width_m / 2.0, footprint.radius_m, footprint.z_max_m
+    half, camera_m = width_m / 2.0, robot.T_base_camera[2, 3]
+    radius, top = robot.footprint.radius_m, robot.footprint.z_max_m
     middle = max(top, camera_m) / 2.0
     front, left, above = np.ravel(figure.subplots(1, 3))
     for axes, image, title, centre in zip((front, left, above), images, SIDES, (middle, middle, 0.0), strict=True):
@@ -50,15 +47,15 @@ def save_robot_sheet(
     _measure(front, (-aside, 0.0), (-aside, top), f"{top:.2f} m")
     _measure(left, (aside, 0.0), (aside, camera_m), f"camera {camera_m:.2f} m")
     _measure(above, (-radius, -aside), (radius, -aside), f"{2.0 * radius:.2f} m")
-    if track_m:
+    if robot.track_m:
         below = middle - 0.94 * half
-        measures = f"track {track_m:.2f} m, wheels {2.0 * wheel_radius_m:.2f} m"
-        _measure(front, (-track_m / 2.0, below), (track_m / 2.0, below), measures)
+        measures = f"track {robot.track_m:.2f} m, wheels {2.0 * robot.wheel_radius_m:.2f} m"
+        _measure(front, (-robot.track_m / 2.0, below), (robot.track_m / 2.0, below), measures)
     handles = [
         Patch(color=FOOTPRINT, alpha=0.8, label="footprint, what is kept free of obstacles"),
         Line2D([], [], color=CAMERA, linewidth=3, label="where the camera looks"),
     ]
-    figure.suptitle(plain(name), fontsize=11)
+    figure.suptitle(plain(f"{robot.name}: {robot.kind}, {robot.mass_kg:.1f} kg"), fontsize=11)
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     with writing(path):
         FigureCanvasAgg(figure).print_figure(path, format="png", dpi=110)

@@ -13,11 +13,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from PIL.ImageColor import getrgb
 from scipy.spatial import KDTree
 
 from anm_mj.errors import SceneError
 from anm_mj.types import Pose2
-from anm_mj.viz.figure_file import KINDS, PICTURE, plain, write_figure
+from anm_mj.viz.figure_file import plain, write_figure
 
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
@@ -45,9 +46,9 @@ def write_sheet(
     poses: Sequence[Pose2],
     out: Path,
 ) -> None:
-    """Write a PDF or an SVG where the file's ending says so, else a PNG. ``above`` is the scene from above, x to the
-    right, y up, between the corners ``above_m``, cut at ``cut_m``; of the ``views`` from inside, taken at ``poses``,
-    the first six are shown. Raises SceneError if the file cannot be written.
+    """Write a PNG, a PDF or an SVG, as the file's ending says. ``above`` is the scene from above, x to the right, y up,
+    between the corners ``above_m``, cut at ``cut_m``; of the ``views`` from inside, taken at ``poses``, the first six
+    are shown. Raises SceneError if the file cannot be written.
     """
     low, high = check.scene.bounds_m[:, :2]
     width_m, depth_m = high - low + 2.0 * MARGIN_M
@@ -81,9 +82,8 @@ def write_sheet(
         axes.set(xlim=(low[0] - MARGIN_M, high[0] + MARGIN_M), ylim=(low[1] - MARGIN_M, high[1] + MARGIN_M))
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", facecolor=GROUND)
     figure.legend(handles=_legend(cut_m), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    kind = out.suffix[1:] if out.suffix[1:] in KINDS else PICTURE
     try:
-        write_figure(figure, out, kind)
+        write_figure(figure, out, out.suffix[1:])
     except OSError as err:
         raise SceneError(f"{out} cannot be written ({err.strerror}): choose another place with --out.") from err
 
@@ -119,11 +119,11 @@ def _draw_plan(axes: Axes, check: SceneCheck, taken_m: Float[np.ndarray, "k 2"],
     if check.area is None or check.plan is None:
         return
     grid, room = check.area.grid, check.plan.room
-    picture = np.full((*room.shape, 3), [int(GROUND[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+    picture = np.full((*room.shape, 3), np.array(getrgb(GROUND)) / 255.0)
     inside = room > 0
     picture[inside] = (1.0 - PALE) * HUES[(room[inside] - 1) % len(HUES)] + PALE
     stand = check.area.component > 0
-    cut_off = np.array([int(CUT_OFF[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    cut_off = np.array(getrgb(CUT_OFF)) / 255.0
     picture[stand] = np.where((room[stand] > 0)[:, None], HUES[(room[stand] - 1) % len(HUES)], cut_off)
     x, y = grid.origin_xy_m
     extent = (x, x + grid.cols * grid.resolution_m, y, y + grid.rows * grid.resolution_m)

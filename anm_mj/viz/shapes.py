@@ -125,14 +125,8 @@ def target_mark(colour: int) -> Object:
 
 
 def _solid(parts: Sequence[trimesh.Trimesh], colour: int) -> Object:
-    vertices, faces = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
-    count = 0
-    for part in parts:
-        vertices.append(np.asarray(part.vertices))
-        faces.append(np.asarray(part.faces) + count)
-        count += len(part.vertices)
-    geometry = TriangularMeshGeometry(np.concatenate(vertices), np.concatenate(faces))
-    return Mesh(geometry, _lit(color=colour))
+    whole = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+    return Mesh(TriangularMeshGeometry(*whole), _lit(color=colour))
 
 
 def _lit(**properties: Any) -> Any:

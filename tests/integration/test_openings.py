@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.ImageColor import getrgb
 
 from anm_mj.config import make_config
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.run import run
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 
 pytestmark = pytest.mark.slow
 
@@ -77,7 +77,7 @@ def test_beyond_the_edge_nothing_is_expected_and_the_picture_says_so(open_side, 
     outside_m2 = sum(one["expected_m2"] for one in closed if one["kind"] == "outside")
     assert outside_m2 <= 0.2 * sum(one["expected_m2"] for one in closed)
     picture = np.asarray(Image.open(tmp_path / "run" / "topdown.png").convert("RGB")).reshape(-1, 3)
-    drop, wall = ((picture == rgb_of(colour)).all(axis=1).sum() for colour in (palette.NO_FLOOR, palette.WALL))
+    drop, wall = ((picture == getrgb(colour)).all(axis=1).sum() for colour in (palette.NO_FLOOR, palette.WALL))
     assert drop > 0.2 * wall > 0
 
 

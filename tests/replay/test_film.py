@@ -1,9 +1,11 @@
 import subprocess
+from dataclasses import replace
 
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
+from PIL.ImageColor import getrgb
 
 from anm_mj.cli.main import main
 from anm_mj.io.read_run import read_run
@@ -11,14 +13,14 @@ from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, _cut, film_fra
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, font
 from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
 from anm_mj.replay.surface import growing_mesh
-from anm_mj.replay.timeline import read_timeline
+from anm_mj.replay.timeline import Timeline, read_timeline
+from anm_mj.types import Pose2
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 from tests.box_room import room_plan
 
 
 def close_to(image, colour, tolerance=30):
-    return np.abs(np.asarray(image).astype(int) - rgb_of(colour)).max(axis=2) < tolerance
+    return np.abs(np.asarray(image).astype(int) - getrgb(colour)).max(axis=2) < tolerance
 
 
 def test_a_film_has_the_frames_of_the_run(run_folder, tmp_path):
@@ -48,16 +50,17 @@ def test_the_surface_grows_in_the_film(run_folder):
     assert mesh is not None
     timeline = read_timeline(run_folder)
     panel = SurfacePanel(mesh)
-    filled = [(~close_to(panel.draw(frame, timeline.xy_m[: frame + 1]), "#f3f4f6", 3)).mean() for frame in (0, 20, 40)]
+    filled = [(~close_to(panel.draw(timeline, frame), "#f3f4f6", 3)).mean() for frame in (0, 20, 40)]
     assert 0.02 < filled[0] < filled[1] < filled[2]
     # The floor, 4 x 3 m, of a picture about 4.8 m wide, and walls.
     assert filled[2] > 0.35
 
 
-def test_the_map_has_north_up_and_the_robot_in_its_place():
-    plan = room_plan()
-    panel = MapPanel(np.array([-2.5, -2.5]), np.array([2.5, 2.5]), 0.18)
-    image = panel.draw(np.array([[0.0, 0.0], [1.5, 1.0]]), 0.0, plan.path_xy_m, None)
+def test_the_map_has_north_up_and_the_robot_in_its_place(run_folder):
+    run = read_run(run_folder)
+    moved = replace(run.frames[1], pose=Pose2(1.5, 1.0, 0.0))
+    panel = MapPanel(np.array([[-2.1, -2.1], [2.1, 2.1]]), 0.18)
+    image = panel.draw(Timeline(replace(run, frames=(run.frames[0], moved))), 1, room_plan().path_xy_m[:2])
     rows, cols = np.nonzero(close_to(image, palette.CAMERA, 10))
     assert np.median(cols) == pytest.approx(PANEL_PX * (1.5 + 2.5) / 5.0, abs=3)
     assert np.median(rows) == pytest.approx(PANEL_PX * (2.5 - 1.0) / 5.0, abs=3)

@@ -4,8 +4,7 @@ import numpy as np
 import trimesh
 
 from anm_mj.io.read_run import read_run
-from anm_mj.replay.growth import first_seen
-from anm_mj.replay.surface import growing_mesh, merged, without_shards
+from anm_mj.replay.surface import first_seen, growing_mesh, merged, without_shards
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room
 
 

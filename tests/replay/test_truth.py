@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL.ImageColor import getrgb
 
 from anm_mj.io.read_run import Run
 from anm_mj.io.run_folder import RunFolder
@@ -13,7 +14,6 @@ from anm_mj.replay.film_map_and_surface import MapPanel, known_pieces
 from anm_mj.replay.timeline import Timeline
 from anm_mj.types import Intrinsics, Pose2
 from anm_mj.viz import palette
-from anm_mj.viz.tint import rgb_of
 
 
 def timeline(true_y_m=0.0, covariance=None, lost=()):
@@ -49,22 +49,21 @@ def test_the_ellipse_holds_two_standard_deviations():
 
 def test_a_trajectory_has_a_gap_where_the_robot_was_lost():
     shown = timeline(lost=(2, 3, 7))
-    pieces = known_pieces(shown.xy_m, shown.is_lost)
+    pieces = known_pieces(shown, 7)
     assert [piece[:, 0].round(1).tolist() for piece in pieces] == [[0.0, 0.2], [0.8, 1.0, 1.2]]
-    assert known_pieces(shown.xy_m, np.ones(8, bool)) == []
+    assert known_pieces(timeline(lost=range(8)), 7) == []
 
 
 def test_the_map_shows_both_trajectories_and_the_ellipse():
-    shown = timeline(0.3)
-    panel = MapPanel(np.array([-0.5, -1.0]), np.array([2.0, 1.5]), 0.18)
+    panel = MapPanel(np.array([[-0.1, -0.6], [1.6, 1.1]]), 0.18)
 
-    def colours(**options):
-        image = np.asarray(panel.draw(shown.xy_m, 0.0, np.zeros((0, 2)), None, **options)).reshape(-1, 3)
+    def colours(shown):
+        image = np.asarray(panel.draw(shown, 7, np.zeros((0, 2)))).reshape(-1, 3)
         return {tuple(each) for each in image.tolist()}
 
-    plain = colours()
-    assert tuple(rgb_of(palette.TRUE)) not in plain
-    with_truth = colours(true_xy_m=shown.true_xy_m, ellipse_m=np.array([0.4, 0.2, 0.5]))
-    assert {tuple(rgb_of(palette.TRUE)), tuple(rgb_of(palette.PATH))} <= with_truth
-    assert tuple(rgb_of(palette.CAMERA)) in plain
-    assert tuple(rgb_of(palette.CAMERA)) not in colours(is_lost=np.ones(8, bool))
+    plain = colours(timeline())
+    assert getrgb(palette.TRUE) not in plain
+    with_truth = colours(timeline(0.3, covariance=(0.03, 0.01, 0.02)))
+    assert {getrgb(palette.TRUE), getrgb(palette.PATH)} <= with_truth
+    assert getrgb(palette.CAMERA) in plain
+    assert getrgb(palette.CAMERA) not in colours(timeline(lost=range(8)))

@@ -8,12 +8,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
+from PIL.ImageColor import getrgb
 
 from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, TopDownMap
 from anm_mj.viz import palette
 from anm_mj.viz.figure_file import KINDS, plain, save_figure
 from anm_mj.viz.plots import curve_figure, topdown_figure
-from anm_mj.viz.tint import free_tint, rgb_of, tint
 from tests.box_room import room_plan
 
 
@@ -35,9 +35,9 @@ def centre_of(picture, colour):
 
 
 def test_world_x_points_right_and_world_y_up(tmp_path):
-    target_row, target_col = centre_of(draw(tmp_path / "a.png"), rgb_of(palette.TARGET))
+    target_row, target_col = centre_of(draw(tmp_path / "a.png"), getrgb(palette.TARGET))
     moved = np.array([-1.0, -1.0])
-    moved_row, moved_col = centre_of(draw(tmp_path / "b.png", target_xy_m=moved), rgb_of(palette.TARGET))
+    moved_row, moved_col = centre_of(draw(tmp_path / "b.png", target_xy_m=moved), getrgb(palette.TARGET))
     assert moved_col < target_col - 100
     assert moved_row > target_row + 100
 
@@ -89,7 +89,7 @@ def test_print_and_vector_figures_have_the_same_bytes_every_time(tmp_path):
 
 def test_free_and_unknown_space_differ_in_grey():
     colours = [palette.WALL, palette.UNKNOWN, palette.NEAR, palette.CLEAR]
-    grey = [float(np.dot(rgb_of(colour), [0.299, 0.587, 0.114])) for colour in colours]
+    grey = [float(np.dot(getrgb(colour), [0.299, 0.587, 0.114])) for colour in colours]
     assert np.diff(grey).min() > 20.0
 
 
@@ -97,9 +97,9 @@ def test_a_drop_is_no_wall_in_the_picture():
     state = np.full((1, 3), OCCUPIED, np.int8)
     state[0, 2] = UNKNOWN
     no_floor = np.array([[True, False, False]])
-    image = tint(TopDownMap(np.zeros((1, 3), np.float32), state, 0.05, np.zeros(2), no_floor=no_floor))
+    image = palette.tint(TopDownMap(np.zeros((1, 3), np.float32), state, 0.05, np.zeros(2), no_floor=no_floor))
     assert [tuple(pixel) for pixel in image[0]] == [
-        rgb_of(colour) for colour in (palette.NO_FLOOR, palette.WALL, palette.UNKNOWN)
+        getrgb(colour) for colour in (palette.NO_FLOOR, palette.WALL, palette.UNKNOWN)
     ]
 
 
@@ -107,7 +107,7 @@ def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
     picture = draw(tmp_path / "a.png", graph=None, regions=(), poses=[], target_xy_m=None)
     below = picture[int(0.9 * len(picture)) :]
     for share in (0.05, 0.5):
-        assert (np.abs(below - free_tint(np.array(share)).astype(int)).max(axis=2) < 4).sum() > 8
+        assert (np.abs(below - palette.free_tint(np.array(share)).astype(int)).max(axis=2) < 4).sum() > 8
 
 
 @pytest.mark.parametrize("known", [True, False])
