@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int64
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
-from anm_mj.mapping.backends.grid_layout import doubled_table
+from anm_mj.mapping.backends.parameters import doubled_table
 from anm_mj.mapping.backends.select import make_backend
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.mapping_config import MappingConfig

@@ -14,7 +14,7 @@ from anm_mj.mapping.alignment import AlignSettings, FramePoints
 from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.backends.torch_encoding import one_blob
-from anm_mj.mapping.backends.torch_field import TorchField
+from anm_mj.mapping.backends.torch_field import TorchField, decode_color, decode_sdf
 from anm_mj.mapping.mapping_config import MappingConfig, default_mapping
 
 NUM_POINTS = 210
@@ -86,8 +86,8 @@ def field_with_gradients(reference: TorchBackend, points_m: np.ndarray) -> tuple
     field = reference.field
     points = torch.from_numpy(points_m.astype(np.float32)).requires_grad_()
     blob = one_blob(points, field._period_m, field.config.blob_bins)
-    outputs = field.decode_sdf(features_of(field, points), blob)
-    rgb = field.decode_color(blob, outputs[:, 1:])
+    outputs = decode_sdf(field.decoders, features_of(field, points), blob)
+    rgb = decode_color(field.decoders, blob, outputs[:, 1:])
 
     def gradient(values: Tensor) -> np.ndarray:
         return torch.autograd.grad(values.sum(), points, retain_graph=True)[0].numpy().astype(np.float64)

@@ -13,18 +13,19 @@ from anm_mj import _native
 from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
-from anm_mj.mapping.backends.grid_layout import bins_per_m, cells_per_m, index_factors
 from anm_mj.mapping.backends.parameters import (
     DECODER_NAMES,
+    bins_per_m,
+    cells_per_m,
     check_shapes,
     decoder_shapes,
+    index_factors,
     initial_parameters,
     parameter_shapes,
     split_flat,
 )
-from anm_mj.mapping.backends.spaced_depths import spaced_depths
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.mapping.rays import RayBatch
+from anm_mj.mapping.rays import RayBatch, spaced_depths
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024

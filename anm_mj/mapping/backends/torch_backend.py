@@ -64,7 +64,7 @@ class TorchBackend(TensorBackend):
     @torch.no_grad()
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """The SDF s at world points, in fractions of the truncation; see the base class."""
-        return self._ask(points_m, lambda points: self.field.decode_sdf(*self.field.encode(points))[:, 0])
+        return self._ask(points_m, lambda points: decode_sdf(self.field.decoders, *self.field.encode(points))[:, 0])
 
     @torch.no_grad()
     def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
@@ -139,5 +139,5 @@ class TorchBackend(TensorBackend):
 
     def _decode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n 3"]]:
         features, blob = self.field.encode(points)
-        outputs = self.field.decode_sdf(features, blob)
-        return outputs[:, 0], self.field.decode_color(blob, outputs[:, 1:])
+        outputs = decode_sdf(self.field.decoders, features, blob)
+        return outputs[:, 0], decode_color(self.field.decoders, blob, outputs[:, 1:])

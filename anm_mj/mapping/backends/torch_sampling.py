@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from anm_mj.mapping.backends.spaced_depths import spaced_depths
 from anm_mj.mapping.mapping_config import SamplingConfig
+from anm_mj.mapping.rays import spaced_depths
 
 _MASK = 0xFFFFFFFF
 
