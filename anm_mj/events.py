@@ -87,10 +87,8 @@ class Observer(Protocol):
     """Follows a run."""
 
     def on_event(self, event: object) -> bool | None:
-        """Take an event in; ignore those of a type that it does not know.
-
-        Returns:
-            True to end the run (``INTERRUPTED``) before its next step.
+        """Take an event in; ignore those of a type that it does not know. Returns True to end the run (``INTERRUPTED``)
+        before its next step.
         """
         ...
 

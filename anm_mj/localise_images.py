@@ -146,15 +146,9 @@ def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | No
 
 
 def write_poses(out: Path, path: Path, images: Path, poses: list[ImagePose], error: TrajectoryError | None) -> None:
-    """Write the found poses as TUM file, and all that is known of them as JSON. Raises RunFolderError if the folder is
-    not empty, or cannot be written.
-
-    Args:
-        out: A new folder.
-        path: Folder of the run.
-        images: Folder of the images.
-        poses: Of the images, in order.
-        error: Of the poses; None where nobody knows.
+    """Write the poses of images, in order, as TUM file, and all that is known of them as JSON, into the new folder
+    ``out``. ``path`` is the folder of the run, ``images`` that of the images, ``error`` None where nobody knows it.
+    Raises RunFolderError if the folder is not empty, or cannot be written.
     """
     empty_folder(out)
     found = [(pose.time_s, T) for pose in poses if (T := pose.T_world_camera) is not None]

@@ -120,13 +120,8 @@ class FieldOccupancy:
     def _read_blocks(
         self, places: Int64[np.ndarray, "m 3"], depth_grid: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> Int64[np.ndarray, "k 3"]:
-        """Read blocks, given by layer, row and column, and return those in which a state has changed.
-
-        Args:
-            places: the blocks.
-            depth_grid: the states by depth alone.
-            sdf_m: the field.
-            whole: whether the field is asked where it agreed with the depth so far, too.
+        """Read blocks, given by layer, row and column, and return those in which a state has changed. The field is
+        asked where it agreed with the depth so far only if they are to be read as a ``whole``.
         """
         if not len(places):
             return places

@@ -12,8 +12,7 @@ from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.mapping.lattice import Cells
-from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
+from anm_mj.mapping.lattice import Cells, active_cells, march, merge_vertices, remove_unreferenced
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.surface import REACH_VOXELS
 from anm_mj.types import OCCUPIED, SdfQuery

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, Int64, UInt8
 
+from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.depth_occupancy import MovedPoses, View
-from anm_mj.mapping.expected_error import CONSTANT_M, expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
+from anm_mj.mapping.last_layer import CONSTANT_M, expected_errors
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
-from anm_mj.mapping.mapping_config import MappingConfig
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import Occupancy
 from anm_mj.mapping.prior_surface import PriorSurface
@@ -38,6 +39,16 @@ from anm_mj.types import (
 
 if TYPE_CHECKING:
     import trimesh
+
+
+def make_map(preset: str = "default", *, seed: int = 0, device: str = "auto") -> NeuralMap:
+    """An empty neural map; ``integrate`` it with observations. ``preset`` is the mapping effort, a key of
+    :data:`anm_mj.mapping.mapping_config.MAPPING_PRESETS`; seed and device are as of :class:`NeuralMap`. Raises MapError
+    if there is no such preset, or the device is unknown or absent.
+    """
+    if preset not in MAPPING_PRESETS:
+        raise MapError(f"There is no mapping preset '{preset}'; choose one of {', '.join(MAPPING_PRESETS)}.")
+    return NeuralMap(MAPPING_PRESETS[preset](), seed=seed, device=device)
 
 
 class NeuralMap:
@@ -128,11 +139,8 @@ class NeuralMap:
         return self.field.learn(observation, by_depth.grid, effort)
 
     def move_keyframes(self, from_end: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
-        """Give keyframes other poses; training follows.
-
-        Args:
-            from_end: Which, counted from the last one, which is 1: of a prior run some may have gone.
-            T_world_camera: Camera to world.
+        """Give keyframes other poses (camera to world); training follows. They are counted from the last one, which is
+        1: of a prior run some may have gone.
         """
         self.field.move_keyframes(from_end, T_world_camera)
 
@@ -192,7 +200,7 @@ class NeuralMap:
         return expected_errors(self.backend, self.occupancy.by_depth, points_m, exponent).error_m + CONSTANT_M
 
     def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
-        """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.expected_error`)."""
+        """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.last_layer`)."""
         points = self._surface.places(self.backend.query_sdf, centre_xy_m, radius_m)
         return expected_errors(self.backend, self.occupancy.by_depth, points, self.config.schedule.density_exponent)
 

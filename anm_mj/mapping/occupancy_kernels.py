@@ -73,12 +73,8 @@ class VoxelArrays(NamedTuple):
     def near_occupied(
         self, points_m: Float[np.ndarray, "n 3"], reach_m: float, voxel_m: float
     ) -> Bool[np.ndarray, " n"]:
-        """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis.
-
-        Args:
-            points_m: world points [m].
-            reach_m: how near [m].
-            voxel_m: edge of a voxel [m].
+        """True for points [m] with an occupied voxel, of edge ``voxel_m``, within ``reach_m`` (less than half of that)
+        along every axis.
         """
         near = np.empty(len(points_m), np.uint8)
         points = np.ascontiguousarray(points_m, np.float64)
@@ -160,13 +156,9 @@ class OccupancyKernels:
     ) -> None:
         """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint.
 
-        Args:
-            voxels: the grid.
-            view: the image.
-            low: lowest voxel (x, y, z) of the box that is looked at; within the grid.
-            high: the highest one, included.
-            frame: number that changed blocks are stamped with.
-            heavy: columns of blocks in which looking through counts as much as a hit; empty for none.
+        Looked at is the box from voxel ``low`` to ``high`` (x, y, z, both included), which lies within the grid;
+        changed blocks are stamped with ``frame``. In ``heavy`` columns of blocks looking through counts as much as a
+        hit; empty for none.
         """
         config, pinhole = self._config, view.intrinsics
         footprint_px = np.float32(FOOTPRINT * config.voxel_m * max(pinhole.fx, pinhole.fy))
@@ -197,13 +189,8 @@ class OccupancyKernels:
     def free_left(
         self, voxels: VoxelArrays, heavy: UInt8[np.ndarray, "_ _"], heights: tuple[int, int], frame: int
     ) -> None:
-        """Free what is left of things that have gone (``native/moved_pixels.h``), in what a frame has carved.
-
-        Args:
-            voxels: the grid.
-            heavy: columns of blocks to look at.
-            heights: lowest z index, and the one after the highest.
-            frame: number of the frame.
+        """Free what is left of things that have gone (``native/moved_pixels.h``), in what a frame has carved: in
+        ``heavy`` columns of blocks, at z indices from the first of ``heights`` up to, not including, the second.
         """
         low, high = (height - int(voxels.corner[2]) for height in heights)
         self._native.bind(*voxels)
@@ -212,13 +199,9 @@ class OccupancyKernels:
     def moved(
         self, voxels: VoxelArrays, view: CameraView, doubt: tuple[float, float, float], free_looks: int
     ) -> Bool[np.ndarray, "h w"]:
-        """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`).
-
-        Args:
-            voxels: the grid.
-            view: the image.
-            doubt: by how much depth may be too short: see :func:`anm_mj.mapping.moved_pixels.depth_doubt`.
-            free_looks: so many frames more looked through surely free voxels than hit them.
+        """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`). Depth may be too short
+        by ``doubt``, as :func:`anm_mj.mapping.moved_pixels.depth_doubt` has it; ``free_looks`` frames more looked
+        through surely free voxels than hit them.
         """
         config = self._config
         matrix, offset = view.to_voxels(config.voxel_m)
@@ -244,13 +227,9 @@ class OccupancyKernels:
         return out.view(bool)
 
     def mark(self, voxels: VoxelArrays, places: Voxels, depth_m: Float32[np.ndarray, " n"], frame: int) -> None:
-        """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near.
-
-        Args:
-            voxels: the grid.
-            places: the voxel that each pixel hit; within the grid.
-            depth_m: planar depth of each pixel [m].
-            frame: number that changed blocks are stamped with.
+        """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near. ``places``,
+        within the grid, and ``depth_m``, planar [m], are those of the pixels; changed blocks are stamped with
+        ``frame``.
         """
         self._native.bind(*voxels)
         self._native.mark(places, depth_m, SEEN_RANGE_STEP_M, self._config.hit, self._config.limit, frame)

@@ -110,11 +110,8 @@ class MissingFloor:
         return ((row_col + self._corner + 0.5) * self.square_m)[:, ::-1]
 
     def voxels(self, squares_xy_m: Float[np.ndarray, "n 2"], voxel_m: float) -> Int64[np.ndarray, "m 3"]:
-        """The voxels from right below the floor to z = 0 in squares of it, by x, y and z index.
-
-        Args:
-            squares_xy_m: centres of the squares [m].
-            voxel_m: edge of a voxel, whose centres lie at multiples of it [m].
+        """The voxels from right below the floor to z = 0 in squares of it, given by their centres, by x, y and z index;
+        voxels of the edge ``voxel_m`` have their centres at multiples of it.
         """
         if not len(squares_xy_m):
             return np.zeros((0, 3), np.int64)

@@ -38,11 +38,8 @@ class PoseCheck:
         self._T_fixed_said: Float[np.ndarray, "4 4"] = np.eye(4)
 
     def without_pose(self, observation: Observation, action: Action | None) -> Observation:
-        """A frame with the pose that the action led to, in place of one that is not finite.
-
-        Args:
-            observation: the frame.
-            action: that moved the robot since the last frame; None where none did.
+        """A frame with the pose that the action led to which moved the robot since the last frame, None where none did,
+        in place of one that is not finite.
         """
         there = Pose2(0.0, 0.0, 0.0) if self._last is None else _after(self._last, action)
         # As if it was said: the correction is put on by ``check``.

@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8, Int64, Shaped
 
 from anm_mj.mapping.field_blocks import DoubtRule
-from anm_mj.mapping.marching import corners_of
+from anm_mj.mapping.keyframes import DEPTH_UNIT_M, NO_DEPTH
+from anm_mj.mapping.lattice import corners_of
 from anm_mj.mapping.occupancy_kernels import BLOCK
-from anm_mj.mapping.packed_pixels import DEPTH_UNIT_M, NO_DEPTH
 from anm_mj.mapping.rays import RayBatch, part, rays_of_pixels
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery
 from anm_mj.utils.arrays import dilate_mask

@@ -9,9 +9,9 @@ from anm_mj import _native
 from anm_mj.mapping import lattice
 from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
+from anm_mj.mapping.keyframes import PIXEL, ray_batches
 from anm_mj.mapping.mapping_config import default_mapping
 from anm_mj.mapping.occupancy_kernels import BLOCK
-from anm_mj.mapping.packed_pixels import PIXEL, ray_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping import numpy_reference

@@ -73,15 +73,9 @@ def decode_color(
 def sensitivity(
     decoders: Sequence[Float[Tensor, "_ _"]], features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-    """Squared norms of the gradients by all decoder weights, of s and of the colour (mean of the three channels).
-
-    Each layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no
-    gradient has to be formed.
-
-    Args:
-        decoders: The decoders' matrices in the order of the parameter layout.
-        features: Grid features.
-        blob: One-blob codes.
+    """Squared norms of the gradients by all decoder weights, of s and of the colour (mean of the three channels). Each
+    layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no gradient
+    has to be formed. ``decoders`` are in the order of the parameter layout.
     """
     in_sdf, out_sdf, in_color, out_color = decoders
     geometry_columns = in_color[:, blob.shape[1] :]
