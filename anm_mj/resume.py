@@ -97,8 +97,7 @@ def resume(
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
         with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
-            with of_stored_state(stored):
-                lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
+            lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
             folder.metrics.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:

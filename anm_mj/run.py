@@ -61,18 +61,9 @@ def run_with(
     observers: Sequence[Observer] = (),
     state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
-    """:func:`run` with what it is put together from.
-
-    Args:
-        parts: what was put together.
-        begin: ``time.perf_counter`` at the start of the program [s].
-        out: see :func:`run`.
-        prior: the run that this one goes on from.
-        observers: see :func:`run`.
-        state: where the loop stands, for who follows it; None = nobody does.
-
-    Raises:
-        AnmError: see :func:`run`.
+    """:func:`run` with what it is put together from. ``begin`` is ``time.perf_counter`` at the start of the program
+    [s], ``prior`` the run that this one goes on from, ``state`` where the loop stands, for who follows it; None =
+    nobody does. Raises AnmError as that does.
     """
     config = parts.config
     folder = RunFolder.create(out, parts.name, config.policy)

@@ -22,6 +22,7 @@ depth and field agreed so far, the field is therefore asked in every third readi
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int8, Int32, Int64
@@ -83,14 +84,7 @@ class FieldOccupancy:
             self._follow_noise()
             self._read(depth_grid, sdf_m, box_xy_m)
             self._read_up_to = depth_grid.version if box_xy_m is None else self._read_up_to
-        return OccupancyGrid(
-            self._state,
-            depth_grid.seen_range_m,
-            depth_grid.origin_m,
-            depth_grid.resolution_m,
-            depth_grid.version,
-            self._column_version,
-        )
+        return replace(depth_grid, state=self._state, column_version=self._column_version)
 
     def _read(self, depth_grid: OccupancyGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
         """Read the blocks again that any frame since their last reading changed or had a hit in."""

@@ -55,10 +55,7 @@ def ray_batches(
     :func:`anm_mj.mapping.rays.camera_row` has them, saw them. Each batch gets an equal share of the rays of
     ``current``, in their order, behind its own.
     """
-    others = (
-        np.ascontiguousarray(array, np.float32)
-        for array in (current.origin_m, current.direction, current.rgb, current.depth_m)
-    )
+    others = (np.ascontiguousarray(array, np.float32) for array in vars(current).values())
     return RayBatch(*_native.ray_batches(pixels.view(np.uint8), cameras, place, keyframe, DEPTH_UNIT_M, *others))
 
 

@@ -111,7 +111,7 @@ class MovedVoxels:
         first_row, first_col = int(row.min()) - 2, int(col.min()) - 2
         num_rows, num_cols = int(row.max()) + 3 - first_row, int(col.max()) + 3 - first_col
         counts = np.bincount((row - first_row) * num_cols + col - first_col, minlength=num_rows * num_cols)
-        went = _about(counts.reshape(num_rows, num_cols))
+        went = ndimage.convolve(counts.reshape(num_rows, num_cols), np.ones((3, 3), np.int64), mode="constant")
         row, col = np.nonzero(went >= _LEAST_GONE)
         went, row, col = went[row, col], row + first_row, col + first_col
         inside = (row >= 0) & (row < voxels.state.shape[1]) & (col >= 0) & (col < voxels.state.shape[2])
@@ -161,13 +161,8 @@ class MovedVoxels:
         if over:
             still = [_keys(held[3]) for held in self._held if held[0] > frame]
             places = np.concatenate(over)
-            self._set(
-                voxels,
-                places[~np.isin(_keys(places), np.concatenate([*still, np.zeros(0, np.int64)]))],
-                frame,
-                OCCUPIED,
-                FREE,
-            )
+            is_held = np.isin(_keys(places), np.concatenate([*still, np.zeros(0, np.int64)]))
+            self._set(voxels, places[~is_held], frame, OCCUPIED, FREE)
         # How long it was held is remembered for as long again.
         self._held = [held for held in self._held if held[0] + held[1] > frame]
 
@@ -270,13 +265,6 @@ def _places(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, "n 3"]:
     rest = (keys - z) >> 21
     y = ((rest + (1 << 20)) & ((1 << 21) - 1)) - (1 << 20)
     return np.stack(((rest - y) >> 21, y, z), axis=1)
-
-
-def _about(counts: Int64[np.ndarray, "rows cols"]) -> Int64[np.ndarray, "rows cols"]:
-    """Sums over columns, three by three."""
-    padded = np.pad(counts, 1)
-    rows, cols = counts.shape
-    return sum((padded[r : r + rows, c : c + cols] for r in range(3) for c in range(3)), np.zeros_like(counts))
 
 
 def _meet(places: Float[np.ndarray, "n 3"], others: Float[np.ndarray, "m 3"]) -> bool:

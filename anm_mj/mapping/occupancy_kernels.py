@@ -3,11 +3,13 @@
 They run on all cores; their results depend neither on the number of cores nor on the instruction set.
 """
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
+from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
@@ -61,6 +63,13 @@ class VoxelArrays(NamedTuple):
         inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
         return inside, (z[inside], y[inside], x[inside])
 
+    def take_over(self, part: VoxelArrays) -> None:
+        """Take over what a smaller grid holds, which lies within this one."""
+        start = (part.corner - self.corner)[::-1]
+        block = start // BLOCK
+        for array, smaller, first in zip(self, part, (*[start] * 4, block, block[1:]), strict=False):
+            array[tuple(slice(a, a + n) for a, n in zip(first, smaller.shape, strict=True))] = smaller
+
     def free(self, places: Int[np.ndarray, "n 3"], log_odds: int, frame: int) -> None:
         """Make voxels, given by x, y, z index, free with these log-odds; those that are free stay as they are."""
         _, (layer, row, col) = self.cells_of(places)
@@ -69,17 +78,6 @@ class VoxelArrays(NamedTuple):
         self.log_odds[layer, row, col] = log_odds
         self.state[layer, row, col] = FREE
         self.column_version[row // BLOCK, col // BLOCK] = frame
-
-    def near_occupied(
-        self, points_m: Float[np.ndarray, "n 3"], reach_m: float, voxel_m: float
-    ) -> Bool[np.ndarray, " n"]:
-        """True for points [m] with an occupied voxel, of edge ``voxel_m``, within ``reach_m`` (less than half of that)
-        along every axis.
-        """
-        near = np.empty(len(points_m), np.uint8)
-        points = np.ascontiguousarray(points_m, np.float64)
-        _native.near_occupied(self.state, self.corner, voxel_m, points, reach_m, near)
-        return near.view(bool)
 
 
 def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> VoxelArrays:

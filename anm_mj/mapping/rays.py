@@ -31,7 +31,7 @@ class RayBatch:
 def part(rays: RayBatch, start: int, count: int) -> RayBatch:
     """So many rays of a batch from one on; views, not copies."""
     rows = slice(start, start + count)
-    return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
+    return RayBatch(*(array[rows] for array in vars(rays).values()))
 
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:

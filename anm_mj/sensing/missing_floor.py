@@ -61,12 +61,8 @@ class MissingFloor:
     ) -> Float[np.ndarray, "n 2"]:
         """Count a view. Returns the centres of the squares without a floor about where it looked [m].
 
-        Args:
-            depth_m: planar depth [m]; NaN where nothing was measured, +inf where the camera looked farther than its
-                range.
-            intrinsics: the camera.
-            T_world_camera: camera to world, z up, the floor at z = 0.
-            range_m: the largest depth that the camera measures [m].
+        ``depth_m`` is planar [m]: NaN where nothing was measured, +inf where the camera looked farther than its range,
+        ``range_m``. In the world z is up, and the floor at z = 0.
         """
         lost = np.count_nonzero(np.isnan(depth_m)) / depth_m.size
         # A camera that says what is beyond its range shows missing floor by what it sees through it.

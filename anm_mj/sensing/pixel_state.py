@@ -104,16 +104,13 @@ def missing_blocks(missing: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "rows c
 
 
 def free_space_depth(depth_m: Float32[np.ndarray, "h w"], range_m: float) -> Float32[np.ndarray, "h w"]:
-    """How far each pixel of an image looked through free space.
+    """How far each pixel of an image looked through free space [m]: the measured depth, ``range_m`` where it was said
+    to be farther, else as below or NaN.
 
     A missing block looked as far as the nearest surface that is seen in it, or next in its columns below and above, if
-    all of that lies near the end of the range. One with a column without surface below it tells nothing. Returns the
-    depth [m]: the measured one, ``range_m`` where it was said to be farther, else as above or NaN.
-
-    Args:
-        depth_m: planar depth [m]; +inf where the sensor says that it looked farther than its range, NaN where it
-            measured nothing. The image's columns are vertical.
-        range_m: the largest depth that the sensor measures [m].
+    all of that lies near the end of the range. One with a column without surface below it tells nothing. ``depth_m`` is
+    planar: +inf where the sensor says that it looked farther than its range, ``range_m``, NaN where it measured
+    nothing. The image's columns are vertical.
     """
     if not np.isfinite(range_m):
         return depth_m

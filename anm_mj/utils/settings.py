@@ -1,4 +1,4 @@
-"""Settings in frozen dataclasses: each field declares its limits, and one function checks them all.
+"""Settings in frozen dataclasses: each field declares its limits, and their base checks them all.
 
 A number must be above zero and at most a million unless its field says otherwise with :func:`setting`.
 """
@@ -81,21 +81,9 @@ def of_type(config: type, name: str, value: Any) -> Any:
 
 @functools.cache
 def _hints(config: type) -> dict[str, Any]:
-    """Types of the fields; choices are texts here, because :func:`check_settings` says best what they may be."""
+    """Types of the fields; choices are texts here, because :class:`Settings` says best what they may be."""
     hints = get_type_hints(config)
     return {name: str if get_origin(hint) is Literal else hint for name, hint in hints.items()}
-
-
-def check_settings(config: Any, group: str, error: type[Exception]) -> None:
-    """Check every field of a configuration against its limits. ``group`` precedes a field's name in the message, which
-    names the setting, its value and what it must be.
-    """
-    for entry in fields(config):
-        value = getattr(config, entry.name)
-        # A part that is a configuration of its own has checked itself.
-        if not is_dataclass(value) and (wanted := broken_limits(config, entry.name, value)):
-            text = f"'{value}'" if isinstance(value, str) else value
-            raise error(f"{group}.{entry.name} is {text}; it must be {wanted}.")
 
 
 def broken_limits(config: Any, name: str, value: Any) -> str:
@@ -118,4 +106,9 @@ class Settings:
             cls._group, cls._error = group, error
 
     def __post_init__(self) -> None:
-        check_settings(self, self._group, self._error)
+        for entry in fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, entry.name)
+            # A part that is a configuration of its own has checked itself.
+            if not is_dataclass(value) and (wanted := broken_limits(self, entry.name, value)):
+                text = f"'{value}'" if isinstance(value, str) else value
+                raise self._error(f"{self._group}.{entry.name} is {text}; it must be {wanted}.")

@@ -35,18 +35,8 @@ def ray_losses(
 
     Both SDF terms are means over all samples of the batch, and each is weighted by the other's share of the supervised
     samples. On a ray without depth, all samples are free or none is, as ``config.no_depth_is_free`` says. Returns the
-    terms, without smoothness.
-
-    Args:
-        s: Predicted SDF in fractions of the truncation.
-        z_m: Planar depth of the samples [m].
-        rendered_rgb: Rendered colours in [0, 1].
-        rendered_depth_m: Rendered planar depth [m].
-        rgb: Measured colours in [0, 1].
-        depth_m: Measured planar depth [m]; anything where not valid.
-        valid: Rays with a surface in range.
-        truncation_m: Truncation distance [m].
-        config: Weights of the terms.
+    terms, without smoothness. ``s`` is predicted, in fractions of the truncation; depths are planar [m], colours in [0,
+    1]. Rays with a surface in range are ``valid``; ``depth_m`` may be anything on the others.
     """
     depth = torch.where(valid, depth_m, 0.0)[:, None]
     hit = valid[:, None]
