@@ -77,21 +77,13 @@ def localise_images(
     single: bool = False,
     on_image: Callable[[int, int], object] = lambda done, total: None,
 ) -> list[ImagePose]:
-    """The poses of images in a map.
+    """The poses of images, whose own are not used, in the map of the run in a folder.
 
     The first is looked for in the whole map, the others are tracked from image to image; what comes before the first
-    that was found is tracked backwards from it.
-
-    Args:
-        path: Folder of the run.
-        images: Its poses are not used.
-        config: Its ``localisation``, ``seed`` and ``device`` count.
-        single: Whether each image is looked for on its own, as they do not follow one another.
-        on_image: Called with images done and in all.
-
-    Raises:
-        RunFolderError: The folder is no run, or an image is missing or damaged.
-        MapError: Its map cannot be read, or its engine cannot localise.
+    that was found is tracked backwards from it. If they are ``single``, as they do not follow one another, each is
+    looked for on its own. Of the configuration ``localisation``, ``seed`` and ``device`` count; ``on_image`` is called
+    with images done and in all. Raises RunFolderError if the folder is no run, or an image is missing or damaged, and
+    MapError if its map cannot be read, or its engine cannot localise.
     """
     run = read_run(path)
     neural_map = NeuralMap.load(run.folder.map, device=config.device)

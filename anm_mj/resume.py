@@ -64,20 +64,13 @@ def resume(
     assemble: Callable[..., AbstractContextManager[Parts]] = make_parts,
     state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
-    """Go on with a run.
+    """Go on with the run in a folder, on another ``device`` where that is not None. ``policy`` is the ``module:Class``
+    of the run, which says that this code may run; None = only policies of this package.
 
-    Args:
-        path: its folder.
-        policy: ``module:Class`` of the run, which says that this code may run; None = only policies of this package.
-        device: where the map trains; None = as before.
-        observers: see :func:`anm_mj.run.run`.
-        kind: of its configuration.
-        assemble: puts it together, called as :func:`anm_mj.run_parts.make_parts`.
-        state: see :func:`anm_mj.run.run_with`.
-
-    Raises:
-        CheckpointError: the run has ended, has no whole checkpoint, or is one of another scene, robot or version.
-        AnmError: see :func:`anm_mj.run.run`.
+    A configuration of the class ``kind`` is put together by ``assemble``, called as
+    :func:`anm_mj.run_parts.make_parts`; ``observers`` are as of :func:`anm_mj.run.run`, ``state`` as of
+    :func:`anm_mj.run.run_with`. Raises CheckpointError if the run has ended, has no whole checkpoint, or is one of
+    another scene, robot or version, and AnmError as :func:`anm_mj.run.run` does.
     """
     begin = time.perf_counter()
     folder = RunFolder.open(path)

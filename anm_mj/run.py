@@ -34,17 +34,12 @@ TRIM_STEPS = 100
 
 
 def run(config: RunConfig, *, out: Path | None = None, observers: Sequence[Observer] = ()) -> tuple[RunFolder, Metrics]:
-    """Explore a scene and write everything about it.
+    """Explore a scene and write everything about it into a run folder; ``out`` None = a new one below ``runs/``.
+    Observers hear the events of the loop (:mod:`anm_mj.events`) and of the run (:mod:`anm_mj.io.run_events`); any of
+    them may end the run, with everything written.
 
-    Args:
-        config: what to do.
-        out: the run folder; None = a new one below ``runs/``.
-        observers: hear the events of the loop (:mod:`anm_mj.events`) and of the run (:mod:`anm_mj.io.run_events`); any
-            of them may end the run, with everything written.
-
-    Raises:
-        AnmError: the scene, start, policy, device, renderer or output folder cannot be used; nothing has been written
-            then, but for an error in the loop itself.
+    Raises AnmError if the scene, start, policy, device, renderer or output folder cannot be used; nothing has been
+    written then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
     prior = None if config.continue_from is None else PriorRun.read(Path(config.continue_from))

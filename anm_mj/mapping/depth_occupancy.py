@@ -56,7 +56,6 @@ class DepthOccupancy:
     REBUILT = ("_kernels", "_rays")
 
     def __init__(self, config: OccupancyConfig, moving: MovingConfig | None = None) -> None:
-        """An empty grid."""
         self.config = config
         self._moved = MovedVoxels(moving or MovingConfig(), config)
         self._kernels = OccupancyKernels(config)

@@ -71,12 +71,9 @@ class FieldOccupancy:
         self._strays = False
 
     def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> OccupancyGrid:
-        """Free, occupied and unknown space as of now.
-
-        Args:
-            sdf_m: signed distance at world points (N, 3) [m], positive in free space.
-            box_xy_m: lower and upper corner of a box in the world [m]; elsewhere the grid may be that of an earlier
-                reading. None = the whole grid is of now.
+        """Free, occupied and unknown space as of now, by the signed distance at world points (N, 3) [m], positive in
+        free space. Outside of a box, given by its lower and upper corner in the world [m], the grid may be that of an
+        earlier reading; None = the whole grid is of now.
         """
         depth_grid = self._by_depth.grid
         self._follow_growth(depth_grid)

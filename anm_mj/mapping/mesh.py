@@ -49,15 +49,11 @@ class MeshExtractor:
         """What the occupancy grid said of a part of space, and what that held then."""
 
     def extract(self, sdf: SdfQuery, rgb: RgbQuery, resolution_m: float, *, reuse: bool = False) -> Triangles:
-        """The SDF's zero level where something was observed, in the world [m]. Raises MapError if the resolution is not
-        positive.
+        """The SDF's zero level where something was observed, in the world [m]; ``sdf`` may be in any unit, and
+        ``resolution_m`` is the edge of a lattice cell [m]. Raises MapError if that is not positive.
 
-        Args:
-            sdf: Signed distance at world points, in any unit.
-            rgb: Colours at world points.
-            resolution_m: Edge of a lattice cell [m].
-            reuse: Keep what the last call found, with the same resolution, in parts of space that no frame has touched
-                since. Where kept and new parts meet, seams may open by as much as the field has changed.
+        With ``reuse`` it keeps what the last call found, with the same resolution, in parts of space that no frame has
+        touched since. Where kept and new parts meet, seams may open by as much as the field has changed.
         """
         if resolution_m <= 0.0:
             raise MapError(f"The mesh resolution is {resolution_m} m, but it must be positive; 0.05 is usual.")

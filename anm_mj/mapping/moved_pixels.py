@@ -73,11 +73,9 @@ class MovedVoxels:
         known = voxels.log_odds[cells] < 0
         cells = tuple(axis[known] for axis in cells)
         voxels.log_odds[cells] = raised[known].astype(np.int8)
-        layer, row, col = (axis[raised[known] >= 0] for axis in cells)
-        voxels.log_odds[layer, row, col] = self._occupancy.hit
-        voxels.state[layer, row, col] = OCCUPIED
-        voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        cells = tuple(axis[raised[known] >= 0] for axis in cells)
+        voxels.change(cells, OCCUPIED, self._occupancy.hit, frame)
+        voxels.block_stamp[tuple(axis // BLOCK for axis in cells)] = frame
 
     def _begin(self, voxels: VoxelArrays, frame: int) -> None:
         """Where something comes, what was looked through is surely free, however often it was looked at.
@@ -128,10 +126,8 @@ class MovedVoxels:
             weak[:, k] &= went[k] >= _GONE_SHARE * stays
         layer, which = np.nonzero(weak)
         layer, row, col = layer + low, row[which], col[which]
-        voxels.log_odds[layer, row, col] = -self._occupancy.miss
-        voxels.state[layer, row, col] = FREE
+        voxels.change((layer, row, col), FREE, -self._occupancy.miss, frame)
         voxels.num_hits[layer, row, col] = 0
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
 
     def _layer(self, voxels: VoxelArrays, height_m: float) -> int:
         """The layer that begins at a height, or the nearest that the voxels have, or their number."""
@@ -195,20 +191,16 @@ class MovedVoxels:
         places = np.stack((col, row, layer + low), axis=1) + voxels.corner
         known, log_odds = self._doubted
         places = places[~np.isin(_keys(places), _keys(known))]
-        _, (layer, row, col) = voxels.cells_of(places)
-        self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[layer, row, col]))
-        voxels.log_odds[layer, row, col] = _LIFTED
-        voxels.state[layer, row, col] = FREE
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
+        _, cells = voxels.cells_of(places)
+        self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[cells]))
+        voxels.change(cells, FREE, _LIFTED, frame + 1)
         return bool(len(places))
 
     def settle(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take for surface again what was doubted and not seen since, and what is held for free space; whether any."""
         released = self.release(voxels, frame)
-        (layer, row, col), log_odds = self._unseen(voxels)
-        voxels.log_odds[layer, row, col] = log_odds
-        voxels.state[layer, row, col] = OCCUPIED
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
+        cells, log_odds = self._unseen(voxels)
+        voxels.change(cells, OCCUPIED, log_odds, frame + 1)
         return released or bool(len(log_odds))
 
     def is_pretended(self, voxels: VoxelArrays, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
@@ -230,11 +222,10 @@ class MovedVoxels:
 
         ``frame`` is the first one with which readers find the change: the next one where they may have read this one.
         """
-        _, (layer, row, col) = voxels.cells_of(places)
-        chosen = (voxels.log_odds[layer, row, col] < 0) & (voxels.state[layer, row, col] == old)
-        layer, row, col = layer[chosen], row[chosen], col[chosen]
-        voxels.state[layer, row, col] = state
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        _, cells = voxels.cells_of(places)
+        chosen = (voxels.log_odds[cells] < 0) & (voxels.state[cells] == old)
+        cells = tuple(axis[chosen] for axis in cells)
+        voxels.change(cells, state, voxels.log_odds[cells], frame)
         return bool(chosen.any())
 
     def heavy(self, voxels: VoxelArrays, frame: int) -> UInt8[np.ndarray, "block_rows block_cols"]:

@@ -72,11 +72,17 @@ class VoxelArrays(NamedTuple):
 
     def free(self, places: Int[np.ndarray, "n 3"], log_odds: int, frame: int) -> None:
         """Make voxels, given by x, y, z index, free with these log-odds; those that are free stay as they are."""
-        _, (layer, row, col) = self.cells_of(places)
-        other = self.state[layer, row, col] != FREE
-        layer, row, col = layer[other], row[other], col[other]
-        self.log_odds[layer, row, col] = log_odds
-        self.state[layer, row, col] = FREE
+        _, cells = self.cells_of(places)
+        other = self.state[cells] != FREE
+        self.change(tuple(axis[other] for axis in cells), FREE, log_odds, frame)
+
+    def change(
+        self, cells: tuple[np.ndarray, ...], state: int, log_odds: Int8[np.ndarray, " n"] | int, frame: int
+    ) -> None:
+        """Give voxels, by their array indices, another state, which readers find from ``frame`` on."""
+        _, row, col = cells
+        self.log_odds[cells] = log_odds
+        self.state[cells] = state
         self.column_version[row // BLOCK, col // BLOCK] = frame
 
 

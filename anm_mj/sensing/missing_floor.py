@@ -14,8 +14,7 @@ from scipy import ndimage
 
 from anm_mj.sensing.pixel_state import FAR_SHARE
 from anm_mj.types import Intrinsics
-from anm_mj.utils.arrays import embed
-from anm_mj.utils.grid_windows import Window, clamp, dilate, relative_to
+from anm_mj.utils.arrays import Window, clamp, dilate, embed, relative_to
 
 SQUARE_M = 0.05
 """Edge of the squares in which looks are counted [m]."""

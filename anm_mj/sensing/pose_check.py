@@ -32,7 +32,6 @@ class PoseCheck:
     """Follows the poses of a run and the correction that is in force."""
 
     def __init__(self) -> None:
-        """Start before the first frame, with no correction."""
         self._last: Pose2 | None = None
         self._T_base_camera: Float[np.ndarray, "4 4"] = np.eye(4)
         self._T_fixed_said: Float[np.ndarray, "4 4"] = np.eye(4)

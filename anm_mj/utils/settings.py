@@ -18,7 +18,6 @@ _MOST = 1e6
 @dataclass(frozen=True)
 class _Limits:
     at_least: float | None = None
-    above: float = 0.0
     at_most: float = _MOST
     below: float = math.inf
     choices: tuple[str, ...] = ()
@@ -29,17 +28,14 @@ class _Limits:
             return all(self.hold(each) for each in value)
         if isinstance(value, bool | str):
             return not self.choices or value in self.choices
-        above_low = value > self.above if self.at_least is None else value >= self.at_least
+        above_low = value > 0.0 if self.at_least is None else value >= self.at_least
         return math.isfinite(value) and above_low and value <= self.at_most and value < self.below
 
     def __str__(self) -> str:
         """What a value must be, for a message."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
-        if self.at_least is None:
-            low = "above zero" if self.above == 0.0 else f"above {self.above:g}"
-        else:
-            low = f"at least {self.at_least:g}"
+        low = "above zero" if self.at_least is None else f"at least {self.at_least:g}"
         high = f"below {self.below:g}" if self.below <= self.at_most else f"at most {self.at_most:.10g}"
         return f"a number {low} and {high}"
 
@@ -48,7 +44,6 @@ def setting(
     default: T,
     *,
     at_least: float | None = None,
-    above: float = 0.0,
     at_most: float = _MOST,
     below: float = math.inf,
     choices: tuple[str, ...] = (),
@@ -57,13 +52,12 @@ def setting(
 
     Args:
         default: the value that holds without another.
-        at_least: smallest number allowed; None = all above ``above``.
-        above: numbers must be larger than this; not used where ``at_least`` is given.
+        at_least: smallest number allowed; None = all above zero.
         at_most: largest number allowed.
         below: numbers must be smaller than this.
         choices: the texts allowed; empty = any.
     """
-    return field(default=default, metadata={_LIMITS: _Limits(at_least, above, at_most, below, choices)})
+    return field(default=default, metadata={_LIMITS: _Limits(at_least, at_most, below, choices)})
 
 
 def of_type(config: type, name: str, value: Any) -> Any:

@@ -10,7 +10,7 @@ class Example(Settings, group="example", error=ValueError):
     plain: float = 1.0
     share: float = setting(0.5, at_least=0.0, at_most=1.0)
     percentile: float = setting(50.0, below=100.0)
-    turns: int = setting(1, above=0)
+    turns: int = setting(1)
     way: str = setting("left", choices=("left", "right"))
     name: str = "any"
     on: bool = False

@@ -5,14 +5,18 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.parameters import check_shapes, decoder_shapes, parameter_shapes, split_flat
-from anm_mj.mapping.backends.tensor_backend import TensorBackend
+from anm_mj.mapping.backends.tensor_backend import Adam, TensorBackend
 from anm_mj.mapping.backends.torch_field import TorchField, decode_color, decode_sdf, sdf_hidden, sensitivity
-from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_losses import (
+    composite,
+    ray_losses,
+    sdf_to_weight,
+    smoothness_lattice,
+    smoothness_loss,
+)
 from anm_mj.mapping.backends.torch_sampling import sample_depths, valid_depth
-from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
 
