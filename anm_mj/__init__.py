@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from anm_mj.environments.load import load_environment
     from anm_mj.errors import AnmError
     from anm_mj.events import Observer, Stepped
-    from anm_mj.mapping.make_map import make_map
+    from anm_mj.mapping.neural_map import make_map
     from anm_mj.planning.policies.context import make_policy
     from anm_mj.scene.folder import load_scene
     from anm_mj.sim.make_robot import make_robot
@@ -47,7 +47,7 @@ _MODULES = {
     "Stepped": "anm_mj.events",
     "load_environment": "anm_mj.environments.load",
     "load_scene": "anm_mj.scene.folder",
-    "make_map": "anm_mj.mapping.make_map",
+    "make_map": "anm_mj.mapping.neural_map",
     "make_policy": "anm_mj.planning.policies.context",
     "make_robot": "anm_mj.sim.make_robot",
 }

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
 
 from anm_mj.config import make_config
 from anm_mj.errors import AnmError, MapError
@@ -100,10 +100,11 @@ class LoadedRun:
         ``right_radps``, and the time of each stage as ``ms_<stage>``.
         """
         steps = self.content.steps
-        number: Int64[np.ndarray, " n"] = np.array([step.step for step in steps], np.int64)
-        collided: Bool[np.ndarray, " n"] = np.array([step.collided for step in steps], bool)
-        columns: dict[str, np.ndarray] = {"step": number, "action": np.array([step.action for step in steps])}
-        columns["collided"] = collided
+        columns: dict[str, np.ndarray] = {
+            "step": np.array([step.step for step in steps], np.int64),
+            "action": np.array([step.action for step in steps]),
+            "collided": np.array([step.collided for step in steps], bool),
+        }
         names = ("x_m", "y_m", "yaw_rad", "moved_m", "left_radps", "right_radps")
         values = {name: [getattr(step, name) for step in steps] for name in names}
         for stage in dict.fromkeys(stage for step in steps for stage in step.ms):

@@ -177,15 +177,9 @@ def make_config(
 
 
 def read_config(values: Mapping[str, Any], kind: type[Kind] = RunConfig) -> Kind:
-    """The configuration that a run's ``config.json`` holds; settings that this version does not know are logged.
-
-    Args:
-        values: the file's content.
-        kind: the class of the configuration.
-
-    Raises:
-        ConfigError: a value is not allowed.
-        PlanError: there is no such policy.
+    """The configuration, of the class ``kind``, that the content of a run's ``config.json`` says; settings that this
+    version does not know are logged. Raises ConfigError if a value is not allowed, and PlanError if there is no such
+    policy.
     """
     if "scene" not in values:
         raise ConfigError("config.json names no scene; copy the run again.")

@@ -87,10 +87,8 @@ class Observer(Protocol):
     """Follows a run."""
 
     def on_event(self, event: object) -> bool | None:
-        """Take an event in; ignore those of a type that it does not know.
-
-        Returns:
-            True to end the run (``INTERRUPTED``) before its next step.
+        """Take an event in; ignore those of a type that it does not know. Returns True to end the run (``INTERRUPTED``)
+        before its next step.
         """
         ...
 
@@ -99,12 +97,7 @@ class On:
     """An observer that is a function: it hears the events of one type."""
 
     def __init__(self, event_type: type, function: Callable[[Any], object]) -> None:
-        """Listen.
-
-        Args:
-            event_type: such as :class:`Stepped`.
-            function: called with the event; the run ends when it returns True.
-        """
+        """Hear events of a type, such as :class:`Stepped`; the run ends when the function returns True for one."""
         self._type, self._function = event_type, function
 
     def on_event(self, event: object) -> bool | None:

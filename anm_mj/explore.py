@@ -8,21 +8,11 @@ what happens (:mod:`anm_mj.events`). Each stage can be replaced: by a real robot
 import logging
 from collections.abc import Sequence
 
+from anm_mj import loop_stages as stages
 from anm_mj.errors import PlanError
 from anm_mj.events import Decided, Ended, Event, Located, Observed, Observer, Stepped
 from anm_mj.localisation.localiser import Localiser
 from anm_mj.localisation.look_around import look_around
-from anm_mj.loop_stages import (
-    UNTRAINED,
-    doubt_stop,
-    find_moved,
-    give_way,
-    is_blocked,
-    learn,
-    localise,
-    observe,
-    wait_for_sight,
-)
 from anm_mj.loop_state import LoopState
 from anm_mj.protocols import Mapper, Policy, Robot
 from anm_mj.types import Action, StopReason
@@ -75,11 +65,11 @@ def explore(
     if state.observation is None:
         with state.total.stage("observe"):
             first = state.monitor.check(robot.observe())
-        first, estimate = localise(first, localiser, state, state.total)
-        first, estimate = find_moved(first, estimate, mapper)
-        update = learn(first, estimate, localiser, mapper, policy, state.total)
+        first, estimate = stages.localise(first, localiser, state, state.total)
+        first, estimate = stages.find_moved(first, estimate, mapper)
+        update = stages.learn(first, estimate, localiser, mapper, policy, state.total)
         state.map_failed, state.observation = update is None, first
-        interrupted = tell(Observed(first, update or UNTRAINED, estimate))
+        interrupted = tell(Observed(first, update or stages.UNTRAINED, estimate))
     if state.map_failed:
         return end(StopReason.MAP_ERROR)
 
@@ -89,17 +79,18 @@ def explore(
         watch, observation, plan = Stopwatch(), state.observation, state.plan
         with watch.stage("plan"):
             action = state.follower.next_action(observation.pose)
-            decided = action is None or is_blocked(action, plan, robot, mapper, observation)
+            decided = action is None or stages.is_blocked(action, plan, robot, mapper, observation)
             if decided:
-                plan = look_around(state.lost_steps) or doubt_stop(policy.plan(mapper, observation), mapper, state)
+                plan = look_around(state.lost_steps)
+                plan = plan or stages.doubt_stop(policy.plan(mapper, observation), mapper, state)
                 state.follower.start(plan)
                 action = state.follower.next_action(observation.pose)
             if action is Action.MOVE_FORWARD and not state.monitor.sees:
-                decided, plan = True, wait_for_sight(state, policy)
+                decided, plan = True, stages.wait_for_sight(state, policy)
                 state.follower.start(plan)
                 action = state.follower.next_action(observation.pose)
             if action is not None:
-                action = give_way(action, robot, mapper, state)
+                action = stages.give_way(action, robot, mapper, state)
         assert plan is not None  # The follower has no action without a plan.
         if decided:
             interrupted = tell(Decided(step - 1, plan))
@@ -119,7 +110,7 @@ def explore(
         elif action is Action.MOVE_FORWARD:
             state.collisions = state.blind_turns = 0
         with watch.stage("observe"):
-            seen = observe(robot)
+            seen = stages.observe(robot)
             if seen is not None:
                 free = not result.collided and action is not Action.WAIT
                 judges = localiser is None
@@ -130,15 +121,15 @@ def explore(
             state.total.add(watch)
             state.step = step
             return end(StopReason.SENSOR_FAULT)
-        seen, estimate = localise(seen, localiser, state, watch)
+        seen, estimate = stages.localise(seen, localiser, state, watch)
         with watch.stage("map"):
-            seen, estimate = find_moved(seen, estimate, mapper)
+            seen, estimate = stages.find_moved(seen, estimate, mapper)
         state.things.update(seen)
         interrupted |= tell(Located(seen))
-        update = learn(seen, estimate, localiser, mapper, policy, watch)
+        update = stages.learn(seen, estimate, localiser, mapper, policy, watch)
         state.total.add(watch)
         state.step, state.plan, state.observation, state.map_failed = step, plan, seen, update is None
-        update = update or UNTRAINED
+        update = update or stages.UNTRAINED
         interrupted |= tell(Observed(seen, update, estimate))
         interrupted |= tell(Stepped(step, result, seen, update, plan, mapper, watch.ms, state.loop_s))
         if state.map_failed:

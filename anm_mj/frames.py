@@ -37,6 +37,12 @@ def pose_matrix(pose: Pose2) -> Float[np.ndarray, "4 4"]:
     return np.array([[c, -s, 0.0, pose.x_m], [s, c, 0.0, pose.y_m], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+def pose_of_matrix(T_world_base: Float[np.ndarray, "4 4"]) -> Pose2:
+    """The pose of a base on the floor: the inverse of :func:`pose_matrix`."""
+    yaw = math.atan2(T_world_base[1, 0], T_world_base[0, 0])
+    return Pose2(float(T_world_base[0, 3]), float(T_world_base[1, 3]), wrap_angle(yaw))
+
+
 def relative_pose(origin: Pose2, pose: Pose2) -> Pose2:
     """A pose as a robot at ``origin`` has it: x ahead of it, y to its left."""
     dx, dy = pose.x_m - origin.x_m, pose.y_m - origin.y_m

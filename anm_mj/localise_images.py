@@ -77,21 +77,13 @@ def localise_images(
     single: bool = False,
     on_image: Callable[[int, int], object] = lambda done, total: None,
 ) -> list[ImagePose]:
-    """The poses of images in a map.
+    """The poses of images, whose own are not used, in the map of the run in a folder.
 
     The first is looked for in the whole map, the others are tracked from image to image; what comes before the first
-    that was found is tracked backwards from it.
-
-    Args:
-        path: Folder of the run.
-        images: Its poses are not used.
-        config: Its ``localisation``, ``seed`` and ``device`` count.
-        single: Whether each image is looked for on its own, as they do not follow one another.
-        on_image: Called with images done and in all.
-
-    Raises:
-        RunFolderError: The folder is no run, or an image is missing or damaged.
-        MapError: Its map cannot be read, or its engine cannot localise.
+    that was found is tracked backwards from it. If they are ``single``, as they do not follow one another, each is
+    looked for on its own. Of the configuration ``localisation``, ``seed`` and ``device`` count; ``on_image`` is called
+    with images done and in all. Raises RunFolderError if the folder is no run, or an image is missing or damaged, and
+    MapError if its map cannot be read, or its engine cannot localise.
     """
     run = read_run(path)
     neural_map = NeuralMap.load(run.folder.map, device=config.device)
@@ -146,15 +138,9 @@ def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | No
 
 
 def write_poses(out: Path, path: Path, images: Path, poses: list[ImagePose], error: TrajectoryError | None) -> None:
-    """Write the found poses as TUM file, and all that is known of them as JSON. Raises RunFolderError if the folder is
-    not empty, or cannot be written.
-
-    Args:
-        out: A new folder.
-        path: Folder of the run.
-        images: Folder of the images.
-        poses: Of the images, in order.
-        error: Of the poses; None where nobody knows.
+    """Write the poses of images, in order, as TUM file, and all that is known of them as JSON, into the new folder
+    ``out``. ``path`` is the folder of the run, ``images`` that of the images, ``error`` None where nobody knows it.
+    Raises RunFolderError if the folder is not empty, or cannot be written.
     """
     empty_folder(out)
     found = [(pose.time_s, T) for pose in poses if (T := pose.T_world_camera) is not None]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.checkpoint.going_on import lay_over, of_stored_state, say_other_engine
+from anm_mj.checkpoint.going_on import lay_over, say_other_engine
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
@@ -110,8 +110,7 @@ def map_sequence(
     roots = {name: each for name, each in roots.items() if each is not None}
     known = KnownClasses(policy_class(config.policy).__module__)
     if stored is not None:
-        with of_stored_state(stored):
-            lay_over(stored, roots, known)
+        lay_over(stored, roots, known)
         folder.metrics.unlink(missing_ok=True)
     records, fits, watch = state.records, state.fits, state.watch
 

@@ -31,7 +31,6 @@ class MappingState:
     """What was mapped so far."""
 
     def __init__(self) -> None:
-        """Before the first frame."""
         self.records: list[FrameRecord] = []
         self.fits: list[FrameFit] = []
         self.watch = Stopwatch()

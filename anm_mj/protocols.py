@@ -168,10 +168,8 @@ class FindsMoved(Protocol):
         ...
 
     def doubt_moved(self) -> bool:
-        """Take for free space what may be left of something that moved, until a frame shows what is there.
-
-        Returns:
-            Whether there was any that had not been doubted before.
+        """Take for free space what may be left of something that moved, until a frame shows what is there; whether
+        there was any that had not been doubted before.
         """
         ...
 

@@ -64,20 +64,13 @@ def resume(
     assemble: Callable[..., AbstractContextManager[Parts]] = make_parts,
     state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
-    """Go on with a run.
+    """Go on with the run in a folder, on another ``device`` where that is not None. ``policy`` is the ``module:Class``
+    of the run, which says that this code may run; None = only policies of this package.
 
-    Args:
-        path: its folder.
-        policy: ``module:Class`` of the run, which says that this code may run; None = only policies of this package.
-        device: where the map trains; None = as before.
-        observers: see :func:`anm_mj.run.run`.
-        kind: of its configuration.
-        assemble: puts it together, called as :func:`anm_mj.run_parts.make_parts`.
-        state: see :func:`anm_mj.run.run_with`.
-
-    Raises:
-        CheckpointError: the run has ended, has no whole checkpoint, or is one of another scene, robot or version.
-        AnmError: see :func:`anm_mj.run.run`.
+    A configuration of the class ``kind`` is put together by ``assemble``, called as
+    :func:`anm_mj.run_parts.make_parts`; ``observers`` are as of :func:`anm_mj.run.run`, ``state`` as of
+    :func:`anm_mj.run.run_with`. Raises CheckpointError if the run has ended, has no whole checkpoint, or is one of
+    another scene, robot or version, and AnmError as :func:`anm_mj.run.run` does.
     """
     begin = time.perf_counter()
     folder = RunFolder.open(path)
@@ -97,8 +90,7 @@ def resume(
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
         with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
-            with of_stored_state(stored):
-                lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
+            lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
             folder.metrics.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:

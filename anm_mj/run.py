@@ -35,17 +35,12 @@ TRIM_STEPS = 100
 
 
 def run(config: RunConfig, *, out: Path | None = None, observers: Sequence[Observer] = ()) -> tuple[RunFolder, Metrics]:
-    """Explore a scene and write everything about it.
+    """Explore a scene and write everything about it into a run folder; ``out`` None = a new one below ``runs/``.
+    Observers hear the events of the loop (:mod:`anm_mj.events`) and of the run (:mod:`anm_mj.io.run_events`); any of
+    them may end the run, with everything written.
 
-    Args:
-        config: what to do.
-        out: the run folder; None = a new one below ``runs/``.
-        observers: hear the events of the loop (:mod:`anm_mj.events`) and of the run (:mod:`anm_mj.io.run_events`); any
-            of them may end the run, with everything written.
-
-    Raises:
-        AnmError: the scene, start, policy, device, renderer or output folder cannot be used; nothing has been written
-            then, but for an error in the loop itself.
+    Raises AnmError if the scene, start, policy, device, renderer or output folder cannot be used; nothing has been
+    written then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
     prior = None if config.continue_from is None else PriorRun.read(Path(config.continue_from))
@@ -62,18 +57,9 @@ def run_with(
     observers: Sequence[Observer] = (),
     state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
-    """:func:`run` with what it is put together from.
-
-    Args:
-        parts: what was put together.
-        begin: ``time.perf_counter`` at the start of the program [s].
-        out: see :func:`run`.
-        prior: the run that this one goes on from.
-        observers: see :func:`run`.
-        state: where the loop stands, for who follows it; None = nobody does.
-
-    Raises:
-        AnmError: see :func:`run`.
+    """:func:`run` with what it is put together from. ``begin`` is ``time.perf_counter`` at the start of the program
+    [s], ``prior`` the run that this one goes on from, ``state`` where the loop stands, for who follows it; None =
+    nobody does. Raises AnmError as that does.
     """
     config = parts.config
     folder = RunFolder.create(out, parts.name, config.policy)

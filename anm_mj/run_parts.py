@@ -115,9 +115,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         explorer = GuardedPolicy(make_policy(config.policy, context), config.policy)
         if prior is not None:
             explorer.continue_from(prior.found(config.policy), mapper)
-        facts = _facts(config, scene, robot, mapper, backend)
-        if prior is not None:
-            facts = replace(facts, continued_from=prior.provenance)
+        facts = _facts(config, scene, robot, mapper, backend, prior)
         localiser = make_localiser(config, mapper)
         policy = wrapped_policy(explorer, config, robot.footprint)
         exact = config.pose == "true" and not config.sensor.misses and not config.people.num_bodies
@@ -193,7 +191,9 @@ def wrapped_policy(explorer: Policy, config: RunConfig, footprint: Footprint) ->
     return ReturnToStart(policy, config.planning, footprint, config.steps)
 
 
-def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:
+def _facts(
+    config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend, prior: PriorRun | None
+) -> RunFacts:
     return RunFacts(
         config.scene,
         scene.hash,
@@ -211,4 +211,5 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         config.people.number,
         robot.footprint,
         config.reality,
+        None if prior is None else prior.provenance,
     )

@@ -38,7 +38,7 @@ from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.backends.parameters import decoder_shapes
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.keyframes import KeyframeStore
-from anm_mj.mapping.mapping_config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
+from anm_mj.mapping.mapping_config import MappingConfig, SamplingConfig, paper_mapping
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.types import Intrinsics, Observation, Pose2
 
@@ -129,7 +129,7 @@ def noise_view(rng: np.random.Generator) -> Observation:
 
 def replay_steps(backend: MapperBackend, rng: np.random.Generator) -> Callable[[int], None]:
     """What takes a training step's worth of iterations, from the draw of their rays on."""
-    schedule = default_mapping().schedule
+    schedule = MappingConfig().schedule
     store = KeyframeStore(schedule.replay_bytes, schedule.pixel_share)
     view = noise_view(rng)
     for _ in range(NUM_KEYFRAMES):
@@ -145,7 +145,7 @@ def replay_steps(backend: MapperBackend, rng: np.random.Generator) -> Callable[[
 def bench_engine(make: Callable[[MappingConfig], MapperBackend], threads: int, runs: dict[str, int]) -> list[Row]:
     """All workloads on one engine; those without runs are left out."""
     rng = np.random.default_rng(0)
-    paper, default = paper_mapping(), default_mapping()
+    paper, default = paper_mapping(), MappingConfig()
     paper = replace(paper, loss=replace(paper.loss, smoothness=0.0))
     backend = make(paper)
     batches = [room_rays(2048, rng) for _ in range(4)]

@@ -4,7 +4,7 @@
 
 Each folder is one of a finished run. The error of a zero-crossing is its distance to the true surface. Points of all
 runs together are grouped into 40 classes of equal size by their variance; the curve a + c variance^k is fitted to the
-classes' mean errors. ``anm_mj/mapping/expected_error.py`` holds c and k.
+classes' mean errors. ``anm_mj/mapping/last_layer.py`` holds c and k.
 """
 
 from pathlib import Path

@@ -61,10 +61,11 @@ def of_stored_state(stored: StoredState) -> Iterator[None]:
 
 def lay_over(stored: StoredState, roots: dict[str, Any], known: KnownClasses) -> None:
     """Fill newly made objects with the stored state; raises CheckpointError where it is that of another run."""
-    try:
-        restore(stored.nodes, stored.arrays, roots, known)
-    except CheckpointError as err:
-        raise CheckpointError(f"The checkpoint at step {stored.step} does not fit this run: {err}") from err
+    with of_stored_state(stored):
+        try:
+            restore(stored.nodes, stored.arrays, roots, known)
+        except CheckpointError as err:
+            raise CheckpointError(f"The checkpoint at step {stored.step} does not fit this run: {err}") from err
 
 
 def say_other_engine(stored: StoredState, engine: str) -> None:

@@ -117,15 +117,9 @@ class Checkpointer:
         *,
         resumed_at: int | None = None,
     ) -> None:
-        """Start before the first checkpoint.
-
-        Args:
-            store: Where they go.
-            config: How often.
-            roots: The objects to store.
-            facts: What else to store, and the files that must be on the disk before the checkpoint counts.
-            known: Which classes may take part.
-            resumed_at: Step of the checkpoint that the run resumed from.
+        """Start before the first checkpoint. ``roots`` gives the objects to store, ``facts`` what else to store, and
+        the files that must be on the disk before the checkpoint counts; classes of ``known`` may take part.
+        ``resumed_at`` is the step of the checkpoint that the run resumed from.
         """
         self._store, self._config, self._roots, self._facts, self._known = store, config, roots, facts, known
         self.last_step = resumed_at

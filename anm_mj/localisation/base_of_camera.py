@@ -1,12 +1,11 @@
 """Where a robot's base is whose camera was localised."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.frames import pose_matrix, wrap_angle
+from anm_mj.frames import pose_matrix, pose_of_matrix
 from anm_mj.types import Observation, Pose2
 
 
@@ -30,5 +29,4 @@ class BaseOfCamera:
             T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         if self._T_camera_base is None:
             self._T_camera_base = T_camera_base
-        base = T_world_camera @ T_camera_base
-        return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))
+        return pose_of_matrix(T_world_camera @ T_camera_base)

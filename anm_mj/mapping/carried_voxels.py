@@ -16,17 +16,11 @@ def carry(
     voxel_m: float,
     frame: int,
 ) -> None:
-    """Fill what one grid does not know with what another knew, in place, moved as the keyframe nearest to it was.
+    """Fill what the grid ``after`` does not know with what the one ``before`` knew, in place, moved as the keyframe
+    nearest to it was. Columns are moved as a whole along the floor, to the nearest column.
 
-    Columns are moved as a whole along the floor, to the nearest column.
-
-    Args:
-        before: A grid made with the earlier poses of the keyframes.
-        after: A grid made with the later ones; its voxels that are known stay.
-        T_world_before: Earlier poses, camera to world.
-        T_world_after: Later poses of the same keyframes.
-        voxel_m: Edge of a voxel of both [m].
-        frame: Number of the frame at which blocks count as changed.
+    The poses, camera to world, are those of the same keyframes that each grid was made with. ``frame`` is the number at
+    which blocks count as changed.
     """
     layers, rows, cols = after.state.shape
     y, x = np.mgrid[:rows, :cols].reshape(2, -1) + after.corner[1::-1, None]

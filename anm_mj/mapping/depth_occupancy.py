@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
 from scipy import ndimage
 
+from anm_mj import _native
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.carried_voxels import carry
@@ -32,7 +33,6 @@ from anm_mj.mapping.stray_pixels import Strays, are_single_outside, is_straying
 from anm_mj.sensing.missing_floor import SQUARE_M, MissingFloor
 from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
-from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
 
 View = tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]
@@ -56,7 +56,6 @@ class DepthOccupancy:
     REBUILT = ("_kernels", "_rays")
 
     def __init__(self, config: OccupancyConfig, moving: MovingConfig | None = None) -> None:
-        """An empty grid."""
         self.config = config
         self._moved = MovedVoxels(moving or MovingConfig(), config)
         self._kernels = OccupancyKernels(config)
@@ -105,13 +104,9 @@ class DepthOccupancy:
         """Fuse one depth image: carve what was looked through, then mark what was hit. Raises MapError if the grid
         would have more than ``MAX_VOXELS``.
 
-        Args:
-            depth_m: Planar depth [m]; +inf where the sensor looked farther than its range, NaN where it measured
-                nothing.
-            intrinsics: The camera.
-            T_world_camera: Camera to world.
-            range_m: The largest depth that the sensor measures [m].
-            moved_m: Depth of the pixels that show something moved [m], NaN elsewhere; ``depth_m`` has none there.
+        ``depth_m`` is planar [m]: +inf where the sensor looked farther than its range, ``range_m``, and NaN where it
+        measured nothing. ``moved_m`` is that of the pixels that show something moved, NaN elsewhere; ``depth_m`` has
+        none there.
         """
         self._num_frames += 1
         self.noise.add(depth_m)
@@ -240,7 +235,10 @@ class DepthOccupancy:
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
         """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
-        return self.voxels.near_occupied(points_m, reach_m, self.config.voxel_m)
+        near = np.empty(len(points_m), np.uint8)
+        points = np.ascontiguousarray(points_m, np.float64)
+        _native.near_occupied(self.voxels.state, self.voxels.corner, self.config.voxel_m, points, reach_m, near)
+        return near.view(bool)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a file holds, by name; views, as copies would take as much memory as the grid."""
@@ -316,18 +314,9 @@ class DepthOccupancy:
         if shape.all():
             new_low = np.minimum(new_low, old.corner)
             new_high = np.maximum(new_high, old.corner + shape)
-        before = (old.corner - new_low) if shape.all() else np.zeros(3, np.int64)
-        new_shape, start = tuple((new_high - new_low)[::-1].tolist()), before[::-1]
-        block_shape = tuple(n // BLOCK for n in new_shape)
-        self.voxels = VoxelArrays(
-            log_odds=embed(old.log_odds, new_shape, start, 0),
-            state=embed(old.state, new_shape, start, UNKNOWN),
-            seen_range_m=embed(old.seen_range_m, new_shape, start, np.inf),
-            num_hits=embed(old.num_hits, new_shape, start, 0),
-            block_stamp=embed(old.block_stamp, block_shape, start // BLOCK, 0),
-            column_version=embed(old.column_version, block_shape[1:], start[1:] // BLOCK, 0),
-            corner=new_low,
-        )
+        self.voxels = unseen_voxels(tuple((new_high - new_low)[::-1].tolist()), new_low)
+        if shape.all():
+            self.voxels.take_over(old)
 
     def _require_size(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
         """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large."""

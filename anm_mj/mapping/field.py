@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int64
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
-from anm_mj.mapping.backends.grid_layout import doubled_table
+from anm_mj.mapping.backends.parameters import doubled_table
 from anm_mj.mapping.backends.select import make_backend
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.mapping_config import MappingConfig
@@ -88,16 +88,12 @@ class Field:
         self.num_frames = math.ceil(num_frames / round_up) * round_up
 
     def learn(self, observation: Observation, grid: OccupancyGrid, effort: TrainingEffort | None = None) -> MapUpdate:
-        """Train on the next frame.
+        """Train on the next frame, of which one pixel at least was measured; ``grid`` is the box that was observed, for
+        the smoothness term, and ``effort`` takes the place of the schedule's on every frame but the first.
 
         A loss that is not finite takes the parameters back to the last good ones; the frame's training ends there, its
         loss is NaN, and the next frame goes on from them. Raises MapError if the loss is not finite in
         :data:`MAX_FAILURES` frames in a row.
-
-        Args:
-            observation: The frame; one pixel at least was measured.
-            grid: The box that was observed, for the smoothness term.
-            effort: In place of the schedule's, on every frame but the first.
         """
         schedule, first = self.config.schedule, self.num_frames == 0
         num_iterations = 0

@@ -36,13 +36,8 @@ class DoubtRule(NamedTuple):
 
 
 def voxels_to_read(state: States, blocks: Blocks, agreed: States | None = None) -> Voxels:
-    """The known voxels of blocks that are occupied, or have a face neighbour in their block that is. Returns the
-    voxels, block by block.
-
-    Args:
-        state: of all voxels.
-        blocks: to look through.
-        agreed: leaves out voxels that have the same state here.
+    """The known voxels of blocks that are occupied, or have a face neighbour in their block that is, block by block.
+    ``state`` is of all voxels; those that have the same state in ``agreed`` are left out.
     """
     if agreed is None:
         return _found(_native.voxels_to_read, state, blocks)
@@ -62,15 +57,8 @@ def _found(find: Callable[..., int], *arrays: np.ndarray) -> Voxels:
 def write_blocks(
     state: States, blocks: Blocks, voxels: Voxels, read: Int8[np.ndarray, " n"], out: States
 ) -> Bool[np.ndarray, " m"]:
-    """Take over the states of blocks, and other ones for some voxels. Returns whether a voxel of each block differs
-    from what it was.
-
-    Args:
-        state: of all voxels.
-        blocks: to take over.
-        voxels: as :func:`voxels_to_read` gave them.
-        read: their states.
-        out: what is written to.
+    """Take the states of blocks over into ``out``, with those that were ``read`` for the voxels of
+    :func:`voxels_to_read`. Returns whether a voxel of each block differs from what it was there.
     """
     moved = np.empty(len(blocks), np.uint8)
     _native.write_blocks(state, blocks, voxels, read, out, moved)
@@ -80,13 +68,8 @@ def write_blocks(
 def voxel_centres(
     voxels: Voxels, shape: tuple[int, ...], corner: Int64[np.ndarray, "3"], resolution_m: float
 ) -> Float32[np.ndarray, "n 3"]:
-    """World places of the centres of voxels [m].
-
-    Args:
-        voxels: the voxels.
-        shape: of the grid: layers, rows, columns.
-        corner: x, y and z of the grid's first voxel, in voxels.
-        resolution_m: edge of a voxel [m].
+    """World places of the centres of voxels [m]. ``shape`` of the grid is layers, rows, columns; ``corner`` is x, y and
+    z of its first voxel, in voxels; ``resolution_m`` is the edge of one [m].
     """
     return _native.voxel_centres(voxels, np.array(shape, np.int64), corner, resolution_m)
 
@@ -98,14 +81,9 @@ def decide_voxels(
     sdf_m: Float[np.ndarray, " n"],
     rule: DoubtRule,
 ) -> Int8[np.ndarray, " n"]:
-    """Free or occupied, for voxels that are known by depth.
-
-    Args:
-        state: of all voxels, by depth.
-        seen_m: smallest depth at which each voxel was hit [m].
-        voxels: to decide.
-        sdf_m: signed distance at their centres [m].
-        rule: when it outweighs the depth.
+    """Free or occupied, for voxels that are known by depth. ``state`` is of all voxels by depth, ``seen_m`` the
+    smallest depth at which each of them was hit [m], ``sdf_m`` the signed distance at the centres of those to decide
+    [m], and ``rule`` says when it outweighs the depth.
     """
     out = np.empty(len(voxels), np.int8)
     distance = np.ascontiguousarray(sdf_m, np.float32)

@@ -22,6 +22,7 @@ depth and field agreed so far, the field is therefore asked in every third readi
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int8, Int32, Int64
@@ -70,12 +71,9 @@ class FieldOccupancy:
         self._strays = False
 
     def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> OccupancyGrid:
-        """Free, occupied and unknown space as of now.
-
-        Args:
-            sdf_m: signed distance at world points (N, 3) [m], positive in free space.
-            box_xy_m: lower and upper corner of a box in the world [m]; elsewhere the grid may be that of an earlier
-                reading. None = the whole grid is of now.
+        """Free, occupied and unknown space as of now, by the signed distance at world points (N, 3) [m], positive in
+        free space. Outside of a box, given by its lower and upper corner in the world [m], the grid may be that of an
+        earlier reading; None = the whole grid is of now.
         """
         depth_grid = self._by_depth.grid
         self._follow_growth(depth_grid)
@@ -83,14 +81,7 @@ class FieldOccupancy:
             self._follow_noise()
             self._read(depth_grid, sdf_m, box_xy_m)
             self._read_up_to = depth_grid.version if box_xy_m is None else self._read_up_to
-        return OccupancyGrid(
-            self._state,
-            depth_grid.seen_range_m,
-            depth_grid.origin_m,
-            depth_grid.resolution_m,
-            depth_grid.version,
-            self._column_version,
-        )
+        return replace(depth_grid, state=self._state, column_version=self._column_version)
 
     def _read(self, depth_grid: OccupancyGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
         """Read the blocks again that any frame since their last reading changed or had a hit in."""
@@ -120,13 +111,8 @@ class FieldOccupancy:
     def _read_blocks(
         self, places: Int64[np.ndarray, "m 3"], depth_grid: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> Int64[np.ndarray, "k 3"]:
-        """Read blocks, given by layer, row and column, and return those in which a state has changed.
-
-        Args:
-            places: the blocks.
-            depth_grid: the states by depth alone.
-            sdf_m: the field.
-            whole: whether the field is asked where it agreed with the depth so far, too.
+        """Read blocks, given by layer, row and column, and return those in which a state has changed. The field is
+        asked where it agreed with the depth so far only if they are to be read as a ``whole``.
         """
         if not len(places):
             return places

@@ -1,22 +1,70 @@
-"""The replay store: posed pixels of past frames, within a fixed amount of memory."""
+"""The replay store: posed pixels of past frames, 9 bytes each, within a fixed amount of memory."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64, Shaped
+from jaxtyping import Bool, Float, Float32, Int64, Shaped, UInt16
 
+from anm_mj import _native
 from anm_mj.errors import MapError
-from anm_mj.mapping.packed_pixels import PIXEL, pack, ray_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, camera_row, part, sample_frame
 from anm_mj.sensing.pixel_state import valid_pixels
 from anm_mj.types import Observation
 
+DEPTH_UNIT_M = 2e-4
+"""Depth is stored in multiples of this [m]; 16 bits reach 13.1 m."""
+NO_DEPTH = 0
+_DEPTH_LIMIT = np.iinfo(np.uint16).max
+PIXEL = np.dtype([("index", "<u4"), ("rgb", np.uint8, 3), ("depth", "<u2")])
+"""A stored pixel: its place in the image, row by row, its colour and its depth in units."""
+_OPAQUE = np.dtype([("index", "<u4"), ("rgb", "V3"), ("depth", "<u2")])
+"""The same with a colour that is copied as a whole, which NumPy does several times as fast."""
 _MOST_PIXELS = 1 << 26
 """No image has more."""
 _WHOLE = np.dtype(("V", PIXEL.itemsize))
 """A pixel that is copied as a whole."""
+
+
+def pack(observation: Observation, pixel: Int64[np.ndarray, " p"]) -> Shaped[np.ndarray, " p"]:
+    """Some pixels of an observation, of type :data:`PIXEL`."""
+    packed = np.empty(len(pixel), _OPAQUE)
+    packed["index"] = pixel
+    packed["rgb"] = np.ascontiguousarray(observation.rgb).reshape(-1, 3).view(_OPAQUE["rgb"])[:, 0][pixel]
+    packed["depth"] = _pack_depth(observation.depth_m.reshape(-1)[pixel])
+    return packed.view(PIXEL)
+
+
+def _pack_depth(depth_m: Float32[np.ndarray, " p"]) -> UInt16[np.ndarray, " p"]:
+    """Depth in storage units; what is missing or beyond their reach becomes "no depth"."""
+    units = np.rint(depth_m / DEPTH_UNIT_M)
+    # Comparisons with NaN are false.
+    return np.where((units >= 0) & (units <= _DEPTH_LIMIT), units, NO_DEPTH).astype(np.uint16)
+
+
+def ray_batches(
+    pixels: Shaped[np.ndarray, " p"],
+    cameras: Float32[np.ndarray, "c 17"],
+    place: Int64[np.ndarray, "k n"],
+    keyframe: Int64[np.ndarray, "k n"],
+    current: RayBatch,
+) -> RayBatch:
+    """World rays of ``k`` batches of stored pixels, batch after batch (``native/pixels.h``). ``place`` says where they
+    lie in ``pixels``, of type :data:`PIXEL`, and ``keyframe`` whose of ``cameras``, as
+    :func:`anm_mj.mapping.rays.camera_row` has them, saw them. Each batch gets an equal share of the rays of
+    ``current``, in their order, behind its own.
+    """
+    others = (np.ascontiguousarray(array, np.float32) for array in vars(current).values())
+    return RayBatch(*_native.ray_batches(pixels.view(np.uint8), cameras, place, keyframe, DEPTH_UNIT_M, *others))
+
+
+def _drawn(weight: Float32[np.ndarray, "h w"], count: int, rng: np.random.Generator) -> Int64[np.ndarray, " count"]:
+    """So many pixels, each as often as its share of all weight says, up or down to a whole number."""
+    ends = np.cumsum(weight, dtype=np.float64)
+    ends = np.floor(ends * (count / ends[-1]) + rng.random()).astype(np.int64)
+    ends[-1] = count
+    return np.repeat(np.arange(weight.size), np.diff(ends, prepend=0))
 
 
 @dataclass(frozen=True)
@@ -24,7 +72,7 @@ class Keyframes:
     """Pixels of some keyframes, and the cameras that saw them."""
 
     pixels: Shaped[np.ndarray, " p"]
-    """Of type :data:`~.packed_pixels.PIXEL`, those of each keyframe in random order."""
+    """Of type :data:`PIXEL`, those of each keyframe in random order."""
     num_pixels: Int64[np.ndarray, " k"]
     """Pixels of each keyframe; one at least."""
     cameras: Float32[np.ndarray, "k 17"]
@@ -106,14 +154,9 @@ class KeyframeStore:
     def add(
         self, observation: Observation, rng: np.random.Generator, weight: Float32[np.ndarray, "h w"] | None = None
     ) -> None:
-        """Keep a share of an observation's pixels for replay. Raises MapError if not even one pixel of each keyframe
-        fits.
-
-        Args:
-            observation: The keyframe; of its pixels there must be one that was measured.
-            rng: What the choice of pixels comes from.
-            weight: How often pixels are kept, in proportion; none, or several times. None: all equally often, and no
-                pixel twice.
+        """Keep a share of an observation's pixels for replay, of which one must have been measured: in proportion to
+        ``weight``, some several times, or, with None, all equally often and none twice. Raises MapError if not even one
+        pixel of each keyframe fits.
         """
         measured = valid_pixels(observation)
         count = max(1, round(self._share * int(measured.sum())))
@@ -180,14 +223,9 @@ class KeyframeStore:
     def batches(
         self, count: int, num_stored: int, observation: Observation, num_current: int, rng: np.random.Generator
     ) -> list[RayBatch]:
-        """Draw the rays of ``count`` training steps in one go, because its price hardly depends on their number.
-
-        Args:
-            count: How many batches.
-            num_stored: Pixels of each, every one from a keyframe drawn uniformly.
-            observation: The frame at hand.
-            num_current: Pixels of each from the frame at hand, behind the others.
-            rng: What is drawn by.
+        """Draw the rays of ``count`` training steps in one go, because its price hardly depends on their number: of
+        each ``num_stored`` pixels, every one from a keyframe drawn uniformly, and behind them ``num_current`` of the
+        frame at hand.
         """
         keyframe = rng.integers(len(self), size=count * num_stored)
         position = rng.random(count * num_stored)
@@ -197,11 +235,3 @@ class KeyframeStore:
         rays = ray_batches(self._pixels, self._cameras, place.reshape(shape), keyframe.reshape(shape), current)
         size = num_stored + num_current
         return [part(rays, k * size, size) for k in range(count)]
-
-
-def _drawn(weight: Float32[np.ndarray, "h w"], count: int, rng: np.random.Generator) -> Int64[np.ndarray, " count"]:
-    """So many pixels, each as often as its share of all weight says, up or down to a whole number."""
-    ends = np.cumsum(weight, dtype=np.float64)
-    ends = np.floor(ends * (count / ends[-1]) + rng.random()).astype(np.int64)
-    ends[-1] = count
-    return np.repeat(np.arange(weight.size), np.diff(ends, prepend=0))

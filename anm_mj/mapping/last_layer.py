@@ -1,4 +1,4 @@
-"""Uncertainty from the posterior of the decoder's last layer and from the observation count.
+"""Uncertainty and expected error from the posterior of the decoder's last layer and from the observation count.
 
 The observation count of a place is the number of pixels of all frames that fell on it; near, frontal and repeated views
 all add to it. The variance of an estimate from n pixels falls as 1 / n, and training uses n^(1 - density_exponent) of
@@ -9,6 +9,11 @@ large where features are unlike those of the training data.
 
 The uncertainty is the leverage over the number of pixels that training uses. Only order and ratios have a meaning, not
 the scale.
+
+How far the map's surface is expected to lie from the true one is a constant plus a power of it, fitted to the distance
+between the zero-crossings and the true surface in three scenes after whole runs with the default preset
+(``scripts/fit_expected_error.py``; docs/experiments/improvement.md). The constant stays, however often a place is
+looked at. The rest falls as observations are added.
 """
 
 import numpy as np
@@ -17,10 +22,16 @@ from scipy.ndimage import map_coordinates
 
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.types import OCCUPIED
+from anm_mj.types import OCCUPIED, SurfaceErrors
 
 PRIOR_OBSERVATIONS = 0.1
 """Added to every observation count, so that the uncertainty is finite where nothing was observed."""
+SCALE_M = 0.0014
+"""Reducible part of the expected error at a variance of 1 [m]."""
+CONSTANT_M = np.float32(0.0018)
+"""The part beside it that stays [m]."""
+EXPONENT = 0.54
+"""The reducible part grows with this power of the variance."""
 _NUM_PLACES = 1024
 """Places that the mean outer product is estimated from."""
 _MIN_SPREAD = 1e-6
@@ -47,6 +58,20 @@ def observation_density(occupancy: DepthOccupancy, points_m: Float[np.ndarray, "
         return np.zeros(len(points_m))
     voxels = points_m / occupancy.config.voxel_m - occupancy.voxels.corner
     return map_coordinates(occupancy.voxels.num_hits, voxels[:, ::-1].T, np.float64, order=1, mode="constant")
+
+
+def expected_errors(
+    backend: MapperBackend, occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"], density_exponent: float
+) -> SurfaceErrors:
+    """The part of the expected error at surface points [m] that more observations can take away.
+
+    It comes from the last-layer variance, whatever method the map is configured for: that predicts the error best.
+    ``density_exponent`` is that of the schedule that the map was trained by.
+    """
+    variance = last_layer_variance(backend, occupancy, points_m, density_exponent)
+    error_m = (SCALE_M * variance**EXPONENT).astype(np.float32)
+    count = observation_density(occupancy, points_m).astype(np.float32)
+    return SurfaceErrors(points_m.astype(np.float32, copy=False), error_m, count, (1.0 - density_exponent) * EXPONENT)
 
 
 def leverage(

@@ -11,8 +11,6 @@ ENGINES = ("auto", "native", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
 DEVICES = ("auto", "cpu", "cuda")
 """Names of what they compute on."""
-
-
 GEOMETRIES = ("field", "occupancy")
 UNCERTAINTY_METHODS = ("last_layer_variance", "closed_form", "perturbation")
 """How the uncertainty can be computed, see :mod:`anm_mj.mapping.uncertainty`."""
@@ -215,7 +213,10 @@ class UncertaintyConfig(Settings, group="mapping.uncertainty", error=MapError):
 
 @dataclass(frozen=True)
 class MappingConfig(Settings, group="mapping", error=MapError):
-    """Settings of the mapping stage."""
+    """Settings of the mapping stage.
+
+    By default many small batches of depth-guided rays; places with few observations get more than their share.
+    """
 
     field: FieldConfig = FieldConfig()
     sampling: SamplingConfig = SamplingConfig()
@@ -239,11 +240,6 @@ class MappingConfig(Settings, group="mapping", error=MapError):
         super().__post_init__()
         if self.engine == "mlp" and self.uncertainty.method == "last_layer_variance":
             raise MapError("mapping.uncertainty.method is 'last_layer_variance'; engine mlp has no such layer.")
-
-
-def default_mapping() -> MappingConfig:
-    """Many small batches of depth-guided rays; places with few observations get more than their share."""
-    return MappingConfig()
 
 
 def paper_mapping() -> MappingConfig:
@@ -319,7 +315,7 @@ def _require_known(values: dict[str, Any], config: Any) -> None:
 
 
 MAPPING_PRESETS: dict[str, Callable[[], MappingConfig]] = {
-    "default": default_mapping,
+    "default": MappingConfig,
     "paper": paper_mapping,
     "quick": quick_mapping,
     "anm": anm_mapping,

@@ -12,8 +12,7 @@ from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.mapping.lattice import Cells
-from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
+from anm_mj.mapping.lattice import Cells, active_cells, march, merge_vertices, remove_unreferenced
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.surface import REACH_VOXELS
 from anm_mj.types import OCCUPIED, SdfQuery
@@ -40,32 +39,21 @@ class Triangles:
     """In [0, 1]."""
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """What one part of space holds, and what the occupancy grid said of it then."""
-
-    fingerprint: tuple[int, int]
-    triangles: Triangles
-
-
 class MeshExtractor:
     """Marches cubes over the lattice cells that touch an occupied voxel, and remembers the result piece by piece."""
 
     def __init__(self, occupancy: DepthOccupancy) -> None:
         self._occupancy = occupancy
         self._resolution_m = 0.0
-        self._pieces: dict[tuple[int, int, int], _Piece] = {}
+        self._pieces: dict[tuple[int, int, int], tuple[tuple[int, int], Triangles]] = {}
+        """What the occupancy grid said of a part of space, and what that held then."""
 
     def extract(self, sdf: SdfQuery, rgb: RgbQuery, resolution_m: float, *, reuse: bool = False) -> Triangles:
-        """The SDF's zero level where something was observed, in the world [m]. Raises MapError if the resolution is not
-        positive.
+        """The SDF's zero level where something was observed, in the world [m]; ``sdf`` may be in any unit, and
+        ``resolution_m`` is the edge of a lattice cell [m]. Raises MapError if that is not positive.
 
-        Args:
-            sdf: Signed distance at world points, in any unit.
-            rgb: Colours at world points.
-            resolution_m: Edge of a lattice cell [m].
-            reuse: Keep what the last call found, with the same resolution, in parts of space that no frame has touched
-                since. Where kept and new parts meet, seams may open by as much as the field has changed.
+        With ``reuse`` it keeps what the last call found, with the same resolution, in parts of space that no frame has
+        touched since. Where kept and new parts meet, seams may open by as much as the field has changed.
         """
         if resolution_m <= 0.0:
             raise MapError(f"The mesh resolution is {resolution_m} m, but it must be positive; 0.05 is usual.")
@@ -80,13 +68,13 @@ class MeshExtractor:
             voxels = occupied[tuple(map(slice, low, high))]
             # Carving leaves no stamp, but fewer voxels.
             fingerprint = (stamp, int(np.count_nonzero(voxels)))
-            piece = known.get(place)
-            if piece is None or piece.fingerprint != fingerprint:
+            before, triangles = known.get(place, (None, None))
+            if triangles is None or before != fingerprint:
                 inside = voxels, low + self._occupancy.voxels.corner
-                piece = _Piece(fingerprint, self._triangles(sdf, rgb, inside, place, resolution_m))
-            self._pieces[place] = piece
+                triangles = self._triangles(sdf, rgb, inside, place, resolution_m)
+            self._pieces[place] = fingerprint, triangles
         self._resolution_m = resolution_m
-        parts = [piece.triangles for piece in self._pieces.values()]
+        parts = [triangles for _, triangles in self._pieces.values()]
         if not reuse:
             # The mesh of a large building takes as much memory again.
             self._pieces = {}

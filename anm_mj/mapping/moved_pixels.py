@@ -73,11 +73,9 @@ class MovedVoxels:
         known = voxels.log_odds[cells] < 0
         cells = tuple(axis[known] for axis in cells)
         voxels.log_odds[cells] = raised[known].astype(np.int8)
-        layer, row, col = (axis[raised[known] >= 0] for axis in cells)
-        voxels.log_odds[layer, row, col] = self._occupancy.hit
-        voxels.state[layer, row, col] = OCCUPIED
-        voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        cells = tuple(axis[raised[known] >= 0] for axis in cells)
+        voxels.change(cells, OCCUPIED, self._occupancy.hit, frame)
+        voxels.block_stamp[tuple(axis // BLOCK for axis in cells)] = frame
 
     def _begin(self, voxels: VoxelArrays, frame: int) -> None:
         """Where something comes, what was looked through is surely free, however often it was looked at.
@@ -111,7 +109,7 @@ class MovedVoxels:
         first_row, first_col = int(row.min()) - 2, int(col.min()) - 2
         num_rows, num_cols = int(row.max()) + 3 - first_row, int(col.max()) + 3 - first_col
         counts = np.bincount((row - first_row) * num_cols + col - first_col, minlength=num_rows * num_cols)
-        went = _about(counts.reshape(num_rows, num_cols))
+        went = ndimage.convolve(counts.reshape(num_rows, num_cols), np.ones((3, 3), np.int64), mode="constant")
         row, col = np.nonzero(went >= _LEAST_GONE)
         went, row, col = went[row, col], row + first_row, col + first_col
         inside = (row >= 0) & (row < voxels.state.shape[1]) & (col >= 0) & (col < voxels.state.shape[2])
@@ -128,10 +126,8 @@ class MovedVoxels:
             weak[:, k] &= went[k] >= _GONE_SHARE * stays
         layer, which = np.nonzero(weak)
         layer, row, col = layer + low, row[which], col[which]
-        voxels.log_odds[layer, row, col] = -self._occupancy.miss
-        voxels.state[layer, row, col] = FREE
+        voxels.change((layer, row, col), FREE, -self._occupancy.miss, frame)
         voxels.num_hits[layer, row, col] = 0
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
 
     def _layer(self, voxels: VoxelArrays, height_m: float) -> int:
         """The layer that begins at a height, or the nearest that the voxels have, or their number."""
@@ -161,13 +157,8 @@ class MovedVoxels:
         if over:
             still = [_keys(held[3]) for held in self._held if held[0] > frame]
             places = np.concatenate(over)
-            self._set(
-                voxels,
-                places[~np.isin(_keys(places), np.concatenate([*still, np.zeros(0, np.int64)]))],
-                frame,
-                OCCUPIED,
-                FREE,
-            )
+            is_held = np.isin(_keys(places), np.concatenate([*still, np.zeros(0, np.int64)]))
+            self._set(voxels, places[~is_held], frame, OCCUPIED, FREE)
         # How long it was held is remembered for as long again.
         self._held = [held for held in self._held if held[0] + held[1] > frame]
 
@@ -200,20 +191,16 @@ class MovedVoxels:
         places = np.stack((col, row, layer + low), axis=1) + voxels.corner
         known, log_odds = self._doubted
         places = places[~np.isin(_keys(places), _keys(known))]
-        _, (layer, row, col) = voxels.cells_of(places)
-        self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[layer, row, col]))
-        voxels.log_odds[layer, row, col] = _LIFTED
-        voxels.state[layer, row, col] = FREE
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
+        _, cells = voxels.cells_of(places)
+        self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[cells]))
+        voxels.change(cells, FREE, _LIFTED, frame + 1)
         return bool(len(places))
 
     def settle(self, voxels: VoxelArrays, frame: int) -> bool:
         """Take for surface again what was doubted and not seen since, and what is held for free space; whether any."""
         released = self.release(voxels, frame)
-        (layer, row, col), log_odds = self._unseen(voxels)
-        voxels.log_odds[layer, row, col] = log_odds
-        voxels.state[layer, row, col] = OCCUPIED
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame + 1
+        cells, log_odds = self._unseen(voxels)
+        voxels.change(cells, OCCUPIED, log_odds, frame + 1)
         return released or bool(len(log_odds))
 
     def is_pretended(self, voxels: VoxelArrays, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
@@ -235,11 +222,10 @@ class MovedVoxels:
 
         ``frame`` is the first one with which readers find the change: the next one where they may have read this one.
         """
-        _, (layer, row, col) = voxels.cells_of(places)
-        chosen = (voxels.log_odds[layer, row, col] < 0) & (voxels.state[layer, row, col] == old)
-        layer, row, col = layer[chosen], row[chosen], col[chosen]
-        voxels.state[layer, row, col] = state
-        voxels.column_version[row // BLOCK, col // BLOCK] = frame
+        _, cells = voxels.cells_of(places)
+        chosen = (voxels.log_odds[cells] < 0) & (voxels.state[cells] == old)
+        cells = tuple(axis[chosen] for axis in cells)
+        voxels.change(cells, state, voxels.log_odds[cells], frame)
         return bool(chosen.any())
 
     def heavy(self, voxels: VoxelArrays, frame: int) -> UInt8[np.ndarray, "block_rows block_cols"]:
@@ -270,13 +256,6 @@ def _places(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, "n 3"]:
     rest = (keys - z) >> 21
     y = ((rest + (1 << 20)) & ((1 << 21) - 1)) - (1 << 20)
     return np.stack(((rest - y) >> 21, y, z), axis=1)
-
-
-def _about(counts: Int64[np.ndarray, "rows cols"]) -> Int64[np.ndarray, "rows cols"]:
-    """Sums over columns, three by three."""
-    padded = np.pad(counts, 1)
-    rows, cols = counts.shape
-    return sum((padded[r : r + rows, c : c + cols] for r in range(3) for c in range(3)), np.zeros_like(counts))
 
 
 def _meet(places: Float[np.ndarray, "n 3"], others: Float[np.ndarray, "m 3"]) -> bool:

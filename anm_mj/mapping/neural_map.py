@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, Int64, UInt8
 
+from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.depth_occupancy import MovedPoses, View
-from anm_mj.mapping.expected_error import CONSTANT_M, expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
+from anm_mj.mapping.last_layer import CONSTANT_M, expected_errors
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
-from anm_mj.mapping.mapping_config import MappingConfig
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import Occupancy
 from anm_mj.mapping.prior_surface import PriorSurface
@@ -40,18 +41,25 @@ if TYPE_CHECKING:
     import trimesh
 
 
+def make_map(preset: str = "default", *, seed: int = 0, device: str = "auto") -> NeuralMap:
+    """An empty neural map; ``integrate`` it with observations. ``preset`` is the mapping effort, a key of
+    :data:`anm_mj.mapping.mapping_config.MAPPING_PRESETS`; seed and device are as of :class:`NeuralMap`. Raises MapError
+    if there is no such preset, or the device is unknown or absent.
+    """
+    if preset not in MAPPING_PRESETS:
+        raise MapError(f"There is no mapping preset '{preset}'; choose one of {', '.join(MAPPING_PRESETS)}.")
+    return NeuralMap(MAPPING_PRESETS[preset](), seed=seed, device=device)
+
+
 class NeuralMap:
     """Implements :class:`anm_mj.protocols.Mapper`: hands observations and questions to field and occupancy."""
 
     REBUILT = ("_mesh",)
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
-        """An empty map. Raises MapError if the device or the engine that the configuration names is unknown or absent.
-
-        Args:
-            config: Settings of the stage.
-            seed: Start values, choice of rays, jitter and perturbations all derive from it.
-            device: "auto" (the CPU with the native engine, else CUDA where there is one), "cpu" or "cuda".
+        """An empty map. Start values, choice of rays, jitter and perturbations all derive from ``seed``; ``device`` is
+        "auto" (the CPU with the native engine, else CUDA where there is one), "cpu" or "cuda". Raises MapError if the
+        device or the engine that the configuration names is unknown or absent.
         """
         self.field = Field(config, seed=seed, device=device)
         self.occupancy = Occupancy(config)
@@ -128,11 +136,8 @@ class NeuralMap:
         return self.field.learn(observation, by_depth.grid, effort)
 
     def move_keyframes(self, from_end: Int64[np.ndarray, " m"], T_world_camera: Float[np.ndarray, "m 4 4"]) -> None:
-        """Give keyframes other poses; training follows.
-
-        Args:
-            from_end: Which, counted from the last one, which is 1: of a prior run some may have gone.
-            T_world_camera: Camera to world.
+        """Give keyframes other poses (camera to world); training follows. They are counted from the last one, which is
+        1: of a prior run some may have gone.
         """
         self.field.move_keyframes(from_end, T_world_camera)
 
@@ -192,7 +197,7 @@ class NeuralMap:
         return expected_errors(self.backend, self.occupancy.by_depth, points_m, exponent).error_m + CONSTANT_M
 
     def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
-        """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.expected_error`)."""
+        """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.last_layer`)."""
         points = self._surface.places(self.backend.query_sdf, centre_xy_m, radius_m)
         return expected_errors(self.backend, self.occupancy.by_depth, points, self.config.schedule.density_exponent)
 
@@ -202,23 +207,17 @@ class NeuralMap:
         """Free, occupied and unknown space; views of the arrays within.
 
         Depth decides what was observed; between free and occupied the field decides, or the depth, as
-        ``mapping.geometry`` says.
-
-        Args:
-            centre_xy_m: A place in the world; None = the whole grid is brought up to date.
-            radius_m: The grid is of now within this distance [m] of the place along both axes, and elsewhere maybe of
-                an earlier call, which costs a fraction.
+        ``mapping.geometry`` says. The grid is of now within ``radius_m`` [m] of a place in the world along both axes,
+        and elsewhere maybe of an earlier call, which costs a fraction; without a place the whole grid is brought up to
+        date.
         """
         return self.occupancy.grid(self.sdf, centre_xy_m, radius_m)
 
     def mesh(self, resolution_m: float = 0.05, *, reuse: bool = False) -> trimesh.Trimesh:
-        """The observed surface in the world [m], with vertex colours; faces look into free space. Raises MapError if
-        the resolution is not positive.
-
-        Args:
-            resolution_m: Edge of a marching-cubes cell [m].
-            reuse: Ask the field only where frames have come in since the last call with this resolution and keep the
-                rest, for a view of a run as it goes.
+        """The observed surface in the world [m], with vertex colours; faces look into free space. ``resolution_m`` is
+        the edge of a marching-cubes cell [m]. With ``reuse`` the field is asked only where frames have come in since
+        the last call with this resolution and the rest is kept, for a view of a run as it goes. Raises MapError if the
+        resolution is not positive.
         """
         return colored_mesh(self._mesh.extract(self.backend.query_sdf, self.rgb, resolution_m, reuse=reuse))
 
@@ -238,12 +237,9 @@ class NeuralMap:
 
     @classmethod
     def load(cls, path: Path, *, device: str = "auto", geometry: str | None = None) -> NeuralMap:
-        """The map that was saved at ``path``. Raises MapError if the file is missing or is not such a map.
-
-        Args:
-            path: The file, ``map.safetensors`` of a run folder.
-            device: As of a new map.
-            geometry: In the place of the map's own ``mapping.geometry``.
+        """The map that was saved at ``path``, the ``map.safetensors`` of a run folder; ``device`` is as of a new map,
+        and ``geometry`` takes the place of the map's own ``mapping.geometry``. Raises MapError if the file is missing
+        or is not such a map.
         """
         saved = read_map(path)
         config = saved.config if geometry is None else replace(saved.config, geometry=geometry)
@@ -252,14 +248,11 @@ class NeuralMap:
         return loaded
 
     def continue_from(self, saved: SavedMap, keyframes: Keyframes) -> None:
-        """Begin with the map of a prior run, which must have this map's :attr:`config` but for effort and rates.
+        """Begin with the map of a prior run, which must have this map's :attr:`config` but for effort and rates, and
+        replay keyframes of it.
 
         A few frames that contradict it suffice to change it, and :meth:`changes` tells what they have changed. Raises
         MapError if ``saved`` or ``keyframes`` do not fit this map.
-
-        Args:
-            saved: the prior map.
-            keyframes: those of its frames that are to be replayed.
         """
         saved.fill(self.field, self.occupancy.by_depth)
         prior = self.occupancy_grid()

@@ -15,7 +15,6 @@ class Occupancy:
     """The occupancy grid of a map."""
 
     def __init__(self, config: MappingConfig) -> None:
-        """Unknown space only."""
         self.by_depth = DepthOccupancy(config.occupancy, config.moving)
         """What depth alone says, and how often each place was observed."""
         # One network without a grid has geometry that is too coarse to drive by.

@@ -3,11 +3,13 @@
 They run on all cores; their results depend neither on the number of cores nor on the instruction set.
 """
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
+from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
@@ -61,29 +63,27 @@ class VoxelArrays(NamedTuple):
         inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
         return inside, (z[inside], y[inside], x[inside])
 
+    def take_over(self, part: VoxelArrays) -> None:
+        """Take over what a smaller grid holds, which lies within this one."""
+        start = (part.corner - self.corner)[::-1]
+        block = start // BLOCK
+        for array, smaller, first in zip(self, part, (*[start] * 4, block, block[1:]), strict=False):
+            array[tuple(slice(a, a + n) for a, n in zip(first, smaller.shape, strict=True))] = smaller
+
     def free(self, places: Int[np.ndarray, "n 3"], log_odds: int, frame: int) -> None:
         """Make voxels, given by x, y, z index, free with these log-odds; those that are free stay as they are."""
-        _, (layer, row, col) = self.cells_of(places)
-        other = self.state[layer, row, col] != FREE
-        layer, row, col = layer[other], row[other], col[other]
-        self.log_odds[layer, row, col] = log_odds
-        self.state[layer, row, col] = FREE
+        _, cells = self.cells_of(places)
+        other = self.state[cells] != FREE
+        self.change(tuple(axis[other] for axis in cells), FREE, log_odds, frame)
+
+    def change(
+        self, cells: tuple[np.ndarray, ...], state: int, log_odds: Int8[np.ndarray, " n"] | int, frame: int
+    ) -> None:
+        """Give voxels, by their array indices, another state, which readers find from ``frame`` on."""
+        _, row, col = cells
+        self.log_odds[cells] = log_odds
+        self.state[cells] = state
         self.column_version[row // BLOCK, col // BLOCK] = frame
-
-    def near_occupied(
-        self, points_m: Float[np.ndarray, "n 3"], reach_m: float, voxel_m: float
-    ) -> Bool[np.ndarray, " n"]:
-        """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis.
-
-        Args:
-            points_m: world points [m].
-            reach_m: how near [m].
-            voxel_m: edge of a voxel [m].
-        """
-        near = np.empty(len(points_m), np.uint8)
-        points = np.ascontiguousarray(points_m, np.float64)
-        _native.near_occupied(self.state, self.corner, voxel_m, points, reach_m, near)
-        return near.view(bool)
 
 
 def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> VoxelArrays:
@@ -160,13 +160,9 @@ class OccupancyKernels:
     ) -> None:
         """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint.
 
-        Args:
-            voxels: the grid.
-            view: the image.
-            low: lowest voxel (x, y, z) of the box that is looked at; within the grid.
-            high: the highest one, included.
-            frame: number that changed blocks are stamped with.
-            heavy: columns of blocks in which looking through counts as much as a hit; empty for none.
+        Looked at is the box from voxel ``low`` to ``high`` (x, y, z, both included), which lies within the grid;
+        changed blocks are stamped with ``frame``. In ``heavy`` columns of blocks looking through counts as much as a
+        hit; empty for none.
         """
         config, pinhole = self._config, view.intrinsics
         footprint_px = np.float32(FOOTPRINT * config.voxel_m * max(pinhole.fx, pinhole.fy))
@@ -197,13 +193,8 @@ class OccupancyKernels:
     def free_left(
         self, voxels: VoxelArrays, heavy: UInt8[np.ndarray, "_ _"], heights: tuple[int, int], frame: int
     ) -> None:
-        """Free what is left of things that have gone (``native/moved_pixels.h``), in what a frame has carved.
-
-        Args:
-            voxels: the grid.
-            heavy: columns of blocks to look at.
-            heights: lowest z index, and the one after the highest.
-            frame: number of the frame.
+        """Free what is left of things that have gone (``native/moved_pixels.h``), in what a frame has carved: in
+        ``heavy`` columns of blocks, at z indices from the first of ``heights`` up to, not including, the second.
         """
         low, high = (height - int(voxels.corner[2]) for height in heights)
         self._native.bind(*voxels)
@@ -212,13 +203,9 @@ class OccupancyKernels:
     def moved(
         self, voxels: VoxelArrays, view: CameraView, doubt: tuple[float, float, float], free_looks: int
     ) -> Bool[np.ndarray, "h w"]:
-        """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`).
-
-        Args:
-            voxels: the grid.
-            view: the image.
-            doubt: by how much depth may be too short: see :func:`anm_mj.mapping.moved_pixels.depth_doubt`.
-            free_looks: so many frames more looked through surely free voxels than hit them.
+        """The pixels that show what was not there before (:mod:`anm_mj.mapping.moved_pixels`). Depth may be too short
+        by ``doubt``, as :func:`anm_mj.mapping.moved_pixels.depth_doubt` has it; ``free_looks`` frames more looked
+        through surely free voxels than hit them.
         """
         config = self._config
         matrix, offset = view.to_voxels(config.voxel_m)
@@ -244,13 +231,9 @@ class OccupancyKernels:
         return out.view(bool)
 
     def mark(self, voxels: VoxelArrays, places: Voxels, depth_m: Float32[np.ndarray, " n"], frame: int) -> None:
-        """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near.
-
-        Args:
-            voxels: the grid.
-            places: the voxel that each pixel hit; within the grid.
-            depth_m: planar depth of each pixel [m].
-            frame: number that changed blocks are stamped with.
+        """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near. ``places``,
+        within the grid, and ``depth_m``, planar [m], are those of the pixels; changed blocks are stamped with
+        ``frame``.
         """
         self._native.bind(*voxels)
         self._native.mark(places, depth_m, SEEN_RANGE_STEP_M, self._config.hit, self._config.limit, frame)

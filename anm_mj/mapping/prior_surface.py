@@ -15,9 +15,8 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, Int64
 from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
-from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
+from anm_mj.mapping.keyframes import DEPTH_UNIT_M, NO_DEPTH, Keyframes, KeyframeStore
 from anm_mj.mapping.occupancy_kernels import BLOCK
-from anm_mj.mapping.packed_pixels import DEPTH_UNIT_M, NO_DEPTH
 from anm_mj.mapping.rays import rays_of_pixels
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, SurfaceChange
 
@@ -56,12 +55,9 @@ class PriorSurface:
         by_depth: Int8[np.ndarray, "layers rows cols"],
         corner: Int64[np.ndarray, "3"],
     ) -> tuple[SurfaceChange, ...]:
-        """What has changed, by now: pieces of surface that are gone or new, largest first.
-
-        Args:
-            state: the grid as of now, which has grown from the prior run.
-            by_depth: what depth alone says of it; where the two disagree, nothing is certain.
-            corner: its corner.
+        """What has changed, by now: pieces of surface that are gone or new, largest first. ``state`` is the grid of
+        now, which has grown from the prior run and has its first voxel at ``corner``; where depth alone, ``by_depth``,
+        says otherwise, nothing is certain.
         """
         state = np.where(by_depth == state, state, np.int8(UNKNOWN))
         everywhere = slice(None), slice(None)

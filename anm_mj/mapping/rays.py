@@ -1,10 +1,11 @@
-"""Rays to train on: what a camera saw along them, in the world."""
+"""Rays to train on: what a camera saw along them, in the world, and the depths that are sampled evenly on them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float32, Integer, UInt8
 
+from anm_mj.mapping.mapping_config import SamplingConfig
 from anm_mj.sensing.pixel_state import valid_pixels
 from anm_mj.types import Observation
 
@@ -30,7 +31,7 @@ class RayBatch:
 def part(rays: RayBatch, start: int, count: int) -> RayBatch:
     """So many rays of a batch from one on; views, not copies."""
     rows = slice(start, start + count)
-    return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
+    return RayBatch(*(array[rows] for array in vars(rays).values()))
 
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
@@ -77,3 +78,26 @@ def rays_of_pixels(
         rgb.astype(np.float32) / np.float32(255.0),
         depth_m,
     )
+
+
+def spaced_depths(
+    config: SamplingConfig, truncation_m: float
+) -> tuple[Float32[np.ndarray, " free"], Float32[np.ndarray, " near"], Float32[np.ndarray, " near"]]:
+    """What the uniform sampling scheme is made of [m], the very same numbers for every engine.
+
+    Depths over [0, far], offsets over the band, and depths where there is no surface to make a band about.
+    """
+    return (
+        _evenly(0.0, config.far_m, config.free_samples),
+        _evenly(-truncation_m, truncation_m, config.near_samples),
+        _evenly(0.0, config.far_m, config.near_samples),
+    )
+
+
+def _evenly(first: float, last: float, count: int) -> Float32[np.ndarray, " count"]:
+    """Numbers from first to last, each half counted from its own end so that both ends are exact; as torch has them."""
+    low, high = np.float32(first), np.float32(last)
+    step = float((high - low) / np.float32(max(count - 1, 1)))
+    k = np.arange(count)
+    # Products and sums in double precision, rounded once.
+    return np.where(k < count // 2, float(low) + step * k, float(high) - step * (count - 1 - k)).astype(np.float32)

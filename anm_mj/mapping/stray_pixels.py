@@ -54,13 +54,8 @@ def is_straying(
     voxels: VoxelArrays, config: OccupancyConfig, places: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]
 ) -> bool:
     """Whether a single pixel, from near enough to tell, hit a voxel known to be free before. Surface is hit by many
-    side by side: where such are in free space, the pose is wrong, or something moved.
-
-    Args:
-        voxels: The grid.
-        config: Its settings.
-        places: Voxels that pixels of an image hit, by x, y, z.
-        depth_m: Of these pixels [m].
+    side by side: where such are in free space, the pose is wrong, or something moved. ``places`` are the voxels that
+    pixels of an image hit, by x, y, z, and ``depth_m`` is that of these pixels [m].
     """
     near = np.flatnonzero(depth_m < _STRAY_RANGE_M)
     inside, cells = voxels.cells_of(places[near])
@@ -74,12 +69,8 @@ def is_straying(
 def are_single_outside(
     voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], apart: Float32[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
-    """Which pixels of an image hit voxels outside of the grid, with no other pixel of it nearby.
-
-    Args:
-        voxels: The grid.
-        places: Voxels that the pixels hit, by x, y, z.
-        apart: How far from each the next pixel hits a surface that faces the camera [voxels].
+    """Which pixels of an image hit voxels (``places``, by x, y, z) outside of the grid, with no other pixel of it
+    nearby; ``apart`` is how far from each the next one hits a surface that faces the camera [voxels].
     """
     inside, _ = voxels.cells_of(places)
     single = ~inside

@@ -55,9 +55,8 @@ class SurfaceExtractor:
 
     def places(self, sdf: SdfQuery, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> Float32[np.ndarray, "n 3"]:
         """The points alone."""
-        points, inside = _within(
-            self._up_to_date(sdf, centre_xy_m, radius_m, normals_up_to_m=-np.inf), centre_xy_m, radius_m
-        )
+        patches = self._up_to_date(sdf, centre_xy_m, radius_m, normals_up_to_m=-np.inf)
+        points, inside = _within(patches, centre_xy_m, radius_m)
         return points[inside]
 
     def _up_to_date(

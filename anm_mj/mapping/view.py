@@ -53,14 +53,7 @@ def view_samples(
     ray that grazes an occupied voxel and stays in free space goes on. One that meets occupied voxels and never passes
     into a solid, because the field has no surface where the voxels are, ends at the first of them. Returns origins [m]
     and directions (planar depth 1) of the rays that meet a surface, their sample depths [m], and which pixels they are,
-    row by row.
-
-    Args:
-        occupancy: The grid to search.
-        sdf: Signed distance at world points, in any unit.
-        intrinsics: The camera.
-        T_world_camera: Camera to world.
-        truncation_m: Truncation distance of the field [m].
+    row by row. ``sdf`` may be in any unit; ``truncation_m`` is that of the field.
     """
     directions = pixel_directions(intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]

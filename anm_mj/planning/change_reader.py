@@ -4,8 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from anm_mj.types import OccupancyGrid
-from anm_mj.utils.arrays import embed
-from anm_mj.utils.grid_windows import Window, bounds, clamp
+from anm_mj.utils.arrays import Window, bounds, clamp, embed
 
 
 class ChangeReader:

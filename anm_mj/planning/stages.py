@@ -23,7 +23,7 @@ from anm_mj.types import (
     TopDownMap,
     VoronoiGraph,
 )
-from anm_mj.utils.grid_windows import Window
+from anm_mj.utils.arrays import Window
 from anm_mj.utils.stopwatch import Stopwatch
 
 TRY_AGAIN = "another try to pass what blocked the robot"

@@ -24,8 +24,7 @@ from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.start_floor import blind_radius_m, radius_to_seen_floor_m
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, OccupancyGrid, Pose2, SdfQuery, TopDownMap
-from anm_mj.utils.arrays import dilate_mask, embed
-from anm_mj.utils.grid_windows import Window, bounds, clamp, dilate, relative_to, union
+from anm_mj.utils.arrays import Window, bounds, clamp, dilate, dilate_mask, embed, relative_to, union
 
 COLLISION_CELLS, SMALL_COLLISION_CELLS = 2, 1
 """Radius of the obstacle that a collision leaves in the map, and its radius once it closed the only way on [cells]."""

@@ -29,8 +29,8 @@ from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.recording.record_config import RecordConfig
 from anm_mj.recording.run_log import RunLog
 from anm_mj.types import Action, ActionResult, ExploredState, MapUpdate, Observation, Plan, Pose2, TrueView
-from anm_mj.utils.background import Background
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.threads import Background
 
 ROOM = 32
 """Observations, frames of the curve, actions and decisions that may wait; the run waits where there are more."""

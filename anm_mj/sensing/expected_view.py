@@ -26,14 +26,9 @@ class ExpectedView(NamedTuple):
 
 
 def expected_view(observation: Observation, within_m: float, grid_at: GridQuery) -> ExpectedView:
-    """How much of a view shows surface that the map knows.
-
-    Rays end at the first voxel that was not seen free; what is unknown or nearer than ``NEAR_M`` is not expected.
-
-    Args:
-        observation: the frame; only its camera and its pose count.
-        within_m: planar depth up to which the camera measures surely [m]; finite.
-        grid_at: the occupancy before this frame.
+    """How much of a view shows surface that the map knows. Rays end at the first voxel that was not seen free; what is
+    unknown or nearer than ``NEAR_M`` is not expected. Of the frame only camera and pose count; ``within_m`` is finite,
+    the planar depth up to which the camera measures surely; ``grid_at`` gives the occupancy before this frame.
     """
     k, T_world_camera = observation.intrinsics, observation.T_world_camera
     centre_m = T_world_camera[:3, 3]

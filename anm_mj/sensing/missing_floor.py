@@ -14,8 +14,7 @@ from scipy import ndimage
 
 from anm_mj.sensing.pixel_state import FAR_SHARE
 from anm_mj.types import Intrinsics
-from anm_mj.utils.arrays import embed
-from anm_mj.utils.grid_windows import Window, clamp, dilate, relative_to
+from anm_mj.utils.arrays import Window, clamp, dilate, embed, relative_to
 
 SQUARE_M = 0.05
 """Edge of the squares in which looks are counted [m]."""
@@ -61,12 +60,8 @@ class MissingFloor:
     ) -> Float[np.ndarray, "n 2"]:
         """Count a view. Returns the centres of the squares without a floor about where it looked [m].
 
-        Args:
-            depth_m: planar depth [m]; NaN where nothing was measured, +inf where the camera looked farther than its
-                range.
-            intrinsics: the camera.
-            T_world_camera: camera to world, z up, the floor at z = 0.
-            range_m: the largest depth that the camera measures [m].
+        ``depth_m`` is planar [m]: NaN where nothing was measured, +inf where the camera looked farther than its range,
+        ``range_m``. In the world z is up, and the floor at z = 0.
         """
         lost = np.count_nonzero(np.isnan(depth_m)) / depth_m.size
         # A camera that says what is beyond its range shows missing floor by what it sees through it.
@@ -110,11 +105,8 @@ class MissingFloor:
         return ((row_col + self._corner + 0.5) * self.square_m)[:, ::-1]
 
     def voxels(self, squares_xy_m: Float[np.ndarray, "n 2"], voxel_m: float) -> Int64[np.ndarray, "m 3"]:
-        """The voxels from right below the floor to z = 0 in squares of it, by x, y and z index.
-
-        Args:
-            squares_xy_m: centres of the squares [m].
-            voxel_m: edge of a voxel, whose centres lie at multiples of it [m].
+        """The voxels from right below the floor to z = 0 in squares of it, given by their centres, by x, y and z index;
+        voxels of the edge ``voxel_m`` have their centres at multiples of it.
         """
         if not len(squares_xy_m):
             return np.zeros((0, 3), np.int64)

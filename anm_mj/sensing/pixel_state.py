@@ -33,11 +33,8 @@ def is_measured(depth_m: Float32[np.ndarray, "*pixels"]) -> Bool[np.ndarray, "*p
 
 
 def judge_pixels(observation: Observation, outliers: Bool[np.ndarray, "h w"] | None = None) -> Observation:
-    """The observation with the state of its pixels, and NaN for the depth of those that tell nothing.
-
-    Args:
-        observation: the frame; one that was judged before is returned as it is.
-        outliers: measured pixels that are not to be believed; None = all are.
+    """The observation with the state of its pixels, and NaN for the depth of those that tell nothing; one that was
+    judged before is returned as it is. ``outliers`` are measured pixels that are not to be believed; None = all are.
     """
     if observation.pixel_state is not None:
         return observation
@@ -83,14 +80,11 @@ def _states(depth_m: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
 
 
 def find_outliers(depth_m: Float32[np.ndarray, "h w"], support: int = SUPPORT) -> Bool[np.ndarray, "h w"]:
-    """The measured pixels that too few of their neighbours agree with (``native/outliers.h``).
+    """The measured pixels that fewer than ``support`` of their neighbours agree with (``native/outliers.h``).
+    ``depth_m`` is planar; where nothing was measured it is not finite, or not positive.
 
     Pixels on the rim of the image have fewer neighbours. A line one pixel wide, such as a far table leg, keeps all its
     pixels but its ends.
-
-    Args:
-        depth_m: planar depth [m]; not finite, or not positive, where nothing was measured.
-        support: number of neighbours that must agree.
     """
     found = np.empty(depth_m.shape, np.uint8)
     _native.depth_outliers(np.ascontiguousarray(depth_m, np.float32), support, AGREEMENT, LEAST_M, found)
@@ -98,10 +92,8 @@ def find_outliers(depth_m: Float32[np.ndarray, "h w"], support: int = SUPPORT) -
 
 
 def missing_blocks(missing: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "rows cols"]:
-    """The blocks of ``BLOCK_PX`` pixels that hold next to no depth; what is left at the rim is in none.
-
-    Args:
-        missing: the pixels without depth.
+    """The blocks of ``BLOCK_PX`` pixels that hold next to no depth, by which pixels lack it; what is left at the rim is
+    in none.
     """
     blocks = _blocks(missing)
     if not blocks.any():
@@ -112,16 +104,13 @@ def missing_blocks(missing: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "rows c
 
 
 def free_space_depth(depth_m: Float32[np.ndarray, "h w"], range_m: float) -> Float32[np.ndarray, "h w"]:
-    """How far each pixel of an image looked through free space.
+    """How far each pixel of an image looked through free space [m]: the measured depth, ``range_m`` where it was said
+    to be farther, else as below or NaN.
 
     A missing block looked as far as the nearest surface that is seen in it, or next in its columns below and above, if
-    all of that lies near the end of the range. One with a column without surface below it tells nothing. Returns the
-    depth [m]: the measured one, ``range_m`` where it was said to be farther, else as above or NaN.
-
-    Args:
-        depth_m: planar depth [m]; +inf where the sensor says that it looked farther than its range, NaN where it
-            measured nothing. The image's columns are vertical.
-        range_m: the largest depth that the sensor measures [m].
+    all of that lies near the end of the range. One with a column without surface below it tells nothing. ``depth_m`` is
+    planar: +inf where the sensor says that it looked farther than its range, ``range_m``, NaN where it measured
+    nothing. The image's columns are vertical.
     """
     if not np.isfinite(range_m):
         return depth_m

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.action_motion import action_motion
-from anm_mj.frames import back_project, move_pose, pose_matrix, wrap_angle
+from anm_mj.frames import back_project, move_pose, pose_matrix, pose_of_matrix, wrap_angle
 from anm_mj.types import Action, Observation, Pose2, SdfQuery
 
 _logger = logging.getLogger(__name__)
@@ -32,33 +32,25 @@ class PoseCheck:
     """Follows the poses of a run and the correction that is in force."""
 
     def __init__(self) -> None:
-        """Start before the first frame, with no correction."""
         self._last: Pose2 | None = None
         self._T_base_camera: Float[np.ndarray, "4 4"] = np.eye(4)
         self._T_fixed_said: Float[np.ndarray, "4 4"] = np.eye(4)
 
     def without_pose(self, observation: Observation, action: Action | None) -> Observation:
-        """A frame with the pose that the action led to, in place of one that is not finite.
-
-        Args:
-            observation: the frame.
-            action: that moved the robot since the last frame; None where none did.
+        """A frame with the pose that the action led to which moved the robot since the last frame, None where none did,
+        in place of one that is not finite.
         """
         there = Pose2(0.0, 0.0, 0.0) if self._last is None else _after(self._last, action)
         # As if it was said: the correction is put on by ``check``.
-        said = _pose(np.linalg.inv(self._T_fixed_said) @ pose_matrix(there))
+        said = pose_of_matrix(np.linalg.inv(self._T_fixed_said) @ pose_matrix(there))
         return replace(observation, pose=said, T_world_camera=pose_matrix(said) @ self._T_base_camera)
 
     def check(
         self, observation: Observation, action: Action | None, sdf_m: SdfQuery | None, *, judges: bool = True
     ) -> Observation:
-        """A frame with its pose as far as it can be believed.
-
-        Args:
-            observation: the frame; its pose is finite.
-            action: that moved the robot since the last frame; None where none did.
-            sdf_m: signed distance of the map before this frame [m]; None: a jump is taken as it is.
-            judges: whether jumps are looked for.
+        """A frame, whose pose is finite, with it as far as it can be believed. ``action`` moved the robot since the
+        last frame, None where none did; ``sdf_m`` is the signed distance of the map before this frame [m], None: a jump
+        is taken as it is; ``judges`` says whether jumps are looked for.
         """
         last = self._last
         if not np.array_equal(self._T_fixed_said, np.eye(4)):
@@ -87,13 +79,8 @@ class PoseCheck:
 
 
 def _moved(observation: Observation, T_new_old: Float[np.ndarray, "4 4"]) -> Observation:
-    pose = _pose(T_new_old @ pose_matrix(observation.pose))
+    pose = pose_of_matrix(T_new_old @ pose_matrix(observation.pose))
     return replace(observation, pose=pose, T_world_camera=T_new_old @ observation.T_world_camera)
-
-
-def _pose(T_world_base: Float[np.ndarray, "4 4"]) -> Pose2:
-    yaw = math.atan2(float(T_world_base[1, 0]), float(T_world_base[0, 0]))
-    return Pose2(float(T_world_base[0, 3]), float(T_world_base[1, 3]), wrap_angle(yaw))
 
 
 def _after(pose: Pose2, action: Action | None) -> Pose2:

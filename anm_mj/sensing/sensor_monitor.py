@@ -68,7 +68,6 @@ class SensorMonitor:
     """Counts faulty frames in a row, and hands on what can be believed."""
 
     def __init__(self) -> None:
-        """Start before the first frame."""
         self._in_a_row = dict.fromkeys(_FAULT, 0)
         self._num_faulty = dict.fromkeys(_FIRST, 0)
         self._farthest_m = 0.0
@@ -129,13 +128,10 @@ class SensorMonitor:
         """Take a frame in. Returns the frame as far as it can be believed: with a pose, without outliers, without any
         depth where it is faulty.
 
-        Args:
-            observation: the frame.
-            action: what the robot did since the last one; None for nothing, or unknown.
-            moved: whether it moved, or turned, by that.
-            sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
-            grid_at: occupancy before this frame, which tells whether there was anything to see; None: there was.
-            judges_pose: whether a pose that is not where the action led is a jump; False where localisation judges it.
+        Since the last one the robot did ``action``, None for nothing, or unknown, and ``moved``, or turned, by that.
+        Signed distance and occupancy are of the map before this frame: ``sdf_m`` [m] judges a jump of the pose, None:
+        nobody does; ``grid_at`` tells whether there was anything to see, None: there was. ``judges_pose`` is False
+        where localisation judges a pose that is not where the action led.
         """
         self._camera = self._camera or astuple(observation.intrinsics)
         raw, faulty = observation, False

@@ -1,5 +1,6 @@
 """Returns memory to the operating system."""
 
+import contextlib
 import ctypes
 import mmap
 import sys
@@ -18,12 +19,7 @@ def malloc_trim() -> None:
     glibc keeps freed memory below a block still in use. After a high peak, such as compiling a scene, that is
     hundreds of megabytes.
     """
-    try:
-        trim = ctypes.CDLL(None).malloc_trim
-    except (OSError, AttributeError, TypeError):
-        # Not glibc, or its symbols cannot be loaded this way.
-        return
-    trim(0)
+    _call_glibc("malloc_trim", 0)
 
 
 def use_one_heap() -> None:
@@ -32,10 +28,13 @@ def use_one_heap() -> None:
     glibc gives threads heaps of their own, each of which keeps what its thread has freed: tens of megabytes for images.
     Call it before there are threads.
     """
-    try:
-        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
-    except (OSError, AttributeError, TypeError):
-        return
+    _call_glibc("mallopt", _M_ARENA_MAX, 1)
+
+
+def _call_glibc(name: str, *values: int) -> None:
+    # It is another library, or its symbols cannot be loaded this way.
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        getattr(ctypes.CDLL(None), name)(*values)
 
 
 def forget_content(array: np.ndarray) -> None:

@@ -63,12 +63,9 @@ def read_text(path: Path) -> str:
 
 
 def parse_json(content: bytes | str, parse_constant: Callable[[str], Any] | None = None) -> Any:
-    """The value that JSON holds. Raises ValueError if it is no JSON, or nested too deeply.
-
-    Args:
-        content: the text.
-        parse_constant: gives the value of NaN, Infinity and -Infinity, which JSON does not know, or raises a
-            ``ValueError``; None = they are taken as numbers.
+    """The value that JSON holds. ``parse_constant`` gives the value of NaN, Infinity and -Infinity, which JSON does not
+    know, or raises a ``ValueError``; None = they are taken as numbers. Raises ValueError if it is no JSON, or nested
+    too deeply.
     """
     try:
         return json.loads(content, parse_constant=parse_constant)

@@ -1,4 +1,4 @@
-"""Settings in frozen dataclasses: each field declares its limits, and one function checks them all.
+"""Settings in frozen dataclasses: each field declares its limits, and their base checks them all.
 
 A number must be above zero and at most a million unless its field says otherwise with :func:`setting`.
 """
@@ -18,7 +18,6 @@ _MOST = 1e6
 @dataclass(frozen=True)
 class _Limits:
     at_least: float | None = None
-    above: float = 0.0
     at_most: float = _MOST
     below: float = math.inf
     choices: tuple[str, ...] = ()
@@ -29,17 +28,14 @@ class _Limits:
             return all(self.hold(each) for each in value)
         if isinstance(value, bool | str):
             return not self.choices or value in self.choices
-        above_low = value > self.above if self.at_least is None else value >= self.at_least
+        above_low = value > 0.0 if self.at_least is None else value >= self.at_least
         return math.isfinite(value) and above_low and value <= self.at_most and value < self.below
 
     def __str__(self) -> str:
         """What a value must be, for a message."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
-        if self.at_least is None:
-            low = "above zero" if self.above == 0.0 else f"above {self.above:g}"
-        else:
-            low = f"at least {self.at_least:g}"
+        low = "above zero" if self.at_least is None else f"at least {self.at_least:g}"
         high = f"below {self.below:g}" if self.below <= self.at_most else f"at most {self.at_most:.10g}"
         return f"a number {low} and {high}"
 
@@ -48,7 +44,6 @@ def setting(
     default: T,
     *,
     at_least: float | None = None,
-    above: float = 0.0,
     at_most: float = _MOST,
     below: float = math.inf,
     choices: tuple[str, ...] = (),
@@ -57,13 +52,12 @@ def setting(
 
     Args:
         default: the value that holds without another.
-        at_least: smallest number allowed; None = all above ``above``.
-        above: numbers must be larger than this; not used where ``at_least`` is given.
+        at_least: smallest number allowed; None = all above zero.
         at_most: largest number allowed.
         below: numbers must be smaller than this.
         choices: the texts allowed; empty = any.
     """
-    return field(default=default, metadata={_LIMITS: _Limits(at_least, above, at_most, below, choices)})
+    return field(default=default, metadata={_LIMITS: _Limits(at_least, at_most, below, choices)})
 
 
 def of_type(config: type, name: str, value: Any) -> Any:
@@ -81,21 +75,9 @@ def of_type(config: type, name: str, value: Any) -> Any:
 
 @functools.cache
 def _hints(config: type) -> dict[str, Any]:
-    """Types of the fields; choices are texts here, because :func:`check_settings` says best what they may be."""
+    """Types of the fields; choices are texts here, because :class:`Settings` says best what they may be."""
     hints = get_type_hints(config)
     return {name: str if get_origin(hint) is Literal else hint for name, hint in hints.items()}
-
-
-def check_settings(config: Any, group: str, error: type[Exception]) -> None:
-    """Check every field of a configuration against its limits. ``group`` precedes a field's name in the message, which
-    names the setting, its value and what it must be.
-    """
-    for entry in fields(config):
-        value = getattr(config, entry.name)
-        # A part that is a configuration of its own has checked itself.
-        if not is_dataclass(value) and (wanted := broken_limits(config, entry.name, value)):
-            text = f"'{value}'" if isinstance(value, str) else value
-            raise error(f"{group}.{entry.name} is {text}; it must be {wanted}.")
 
 
 def broken_limits(config: Any, name: str, value: Any) -> str:
@@ -118,4 +100,9 @@ class Settings:
             cls._group, cls._error = group, error
 
     def __post_init__(self) -> None:
-        check_settings(self, self._group, self._error)
+        for entry in fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, entry.name)
+            # A part that is a configuration of its own has checked itself.
+            if not is_dataclass(value) and (wanted := broken_limits(self, entry.name, value)):
+                text = f"'{value}'" if isinstance(value, str) else value
+                raise self._error(f"{self._group}.{entry.name} is {text}; it must be {wanted}.")

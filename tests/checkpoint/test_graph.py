@@ -11,7 +11,7 @@ from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
 from anm_mj.checkpoint.known_classes import KnownClasses, name_of
 from anm_mj.errors import CheckpointError
-from anm_mj.mapping.packed_pixels import PIXEL
+from anm_mj.mapping.keyframes import PIXEL
 from anm_mj.types import Action, Plan, Pose2
 
 KNOWN = KnownClasses(__name__)

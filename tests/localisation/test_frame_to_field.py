@@ -14,8 +14,8 @@ from anm_mj.mapping.alignment import AlignSettings, FramePoints
 from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.backends.torch_encoding import one_blob
-from anm_mj.mapping.backends.torch_field import TorchField
-from anm_mj.mapping.mapping_config import MappingConfig, default_mapping
+from anm_mj.mapping.backends.torch_field import TorchField, decode_color, decode_sdf
+from anm_mj.mapping.mapping_config import MappingConfig
 
 NUM_POINTS = 210
 SETTINGS = AlignSettings(3.0, 0.01, 0.1, 2.0, saturation=50.0, least_slope=0.01, most_slope=1e3)
@@ -27,7 +27,7 @@ def small(config: MappingConfig) -> MappingConfig:
 
 def odd() -> MappingConfig:
     """Sizes that fill no vector."""
-    config = default_mapping()
+    config = MappingConfig()
     field = replace(config.field, num_levels=5, blob_bins=7, hidden_width=20, geometry_features=5, log2_table_size=9)
     return replace(config, field=field)
 
@@ -86,8 +86,8 @@ def field_with_gradients(reference: TorchBackend, points_m: np.ndarray) -> tuple
     field = reference.field
     points = torch.from_numpy(points_m.astype(np.float32)).requires_grad_()
     blob = one_blob(points, field._period_m, field.config.blob_bins)
-    outputs = field.decode_sdf(features_of(field, points), blob)
-    rgb = field.decode_color(blob, outputs[:, 1:])
+    outputs = decode_sdf(field.decoders, features_of(field, points), blob)
+    rgb = decode_color(field.decoders, blob, outputs[:, 1:])
 
     def gradient(values: Tensor) -> np.ndarray:
         return torch.autograd.grad(values.sum(), points, retain_graph=True)[0].numpy().astype(np.float64)
@@ -146,7 +146,7 @@ def reference_equations(
 
 
 @pytest.mark.parametrize("kernel", _native.kernel_names())
-@pytest.mark.parametrize("config", [small(default_mapping()), odd()], ids=["default", "odd"])
+@pytest.mark.parametrize("config", [small(MappingConfig()), odd()], ids=["default", "odd"])
 def test_normal_equations_are_those_of_autograd(
     config: MappingConfig, kernel: str, points: FramePoints, T_world_camera: np.ndarray
 ) -> None:
@@ -160,14 +160,14 @@ def test_normal_equations_are_those_of_autograd(
 
 
 def test_threads_change_no_byte(points: FramePoints, T_world_camera: np.ndarray) -> None:
-    config = small(default_mapping())
+    config = small(MappingConfig())
     one, three = (engines(config, "", threads)[0].align(points, T_world_camera, SETTINGS) for threads in (1, 3))
     for first, second in zip(one, three, strict=True):
         np.testing.assert_array_equal(first, second)
 
 
 def test_points_without_trust_do_not_count(points: FramePoints, T_world_camera: np.ndarray) -> None:
-    native, _ = engines(small(default_mapping()), "")
+    native, _ = engines(small(MappingConfig()), "")
     kept = points.trust > 0.0
     some = FramePoints(points.camera_m[kept], points.rgb[kept], points.variance_m2[kept], points.trust[kept])
     all_points, fewer = (native.align(given, T_world_camera, SETTINGS) for given in (points, some))
@@ -177,7 +177,7 @@ def test_points_without_trust_do_not_count(points: FramePoints, T_world_camera: 
 
 
 def test_without_colour_the_distances_stay(points: FramePoints, T_world_camera: np.ndarray) -> None:
-    native, _ = engines(small(default_mapping()), "")
+    native, _ = engines(small(MappingConfig()), "")
     with_color = native.align(points, T_world_camera, SETTINGS)
     without = native.align(points, T_world_camera, SETTINGS._replace(color_deviation=0.0))
     np.testing.assert_allclose(with_color.hessian[0], without.hessian[0], rtol=1e-3, atol=0.1)
@@ -185,6 +185,6 @@ def test_without_colour_the_distances_stay(points: FramePoints, T_world_camera: 
 
 
 def test_other_engines_say_that_they_cannot(points: FramePoints, T_world_camera: np.ndarray) -> None:
-    _, reference = engines(small(default_mapping()), "")
+    _, reference = engines(small(MappingConfig()), "")
     with pytest.raises(MapError, match="native"):
         reference.align(points, T_world_camera, SETTINGS)

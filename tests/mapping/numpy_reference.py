@@ -2,14 +2,14 @@
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8, Int64, Shaped
+from scipy import ndimage
 
 from anm_mj.mapping.field_blocks import DoubtRule
-from anm_mj.mapping.marching import corners_of
+from anm_mj.mapping.keyframes import DEPTH_UNIT_M, NO_DEPTH
+from anm_mj.mapping.lattice import corners_of
 from anm_mj.mapping.occupancy_kernels import BLOCK
-from anm_mj.mapping.packed_pixels import DEPTH_UNIT_M, NO_DEPTH
 from anm_mj.mapping.rays import RayBatch, part, rays_of_pixels
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery
-from anm_mj.utils.arrays import dilate_mask
 
 
 def voxels_to_read(
@@ -19,7 +19,9 @@ def voxels_to_read(
 ) -> Int64[np.ndarray, " n"]:
     """The known voxels of blocks that are occupied, or have a face neighbour in their block that is."""
     known = blocks_of(state)[tuple(blocks.T)]
-    beside = dilate_mask(known == OCCUPIED, first_axis=1) & (known != UNKNOWN)
+    beside = ndimage.binary_dilation(known == OCCUPIED, ndimage.generate_binary_structure(3, 1)[None]) & (
+        known != UNKNOWN
+    )
     block, *within = np.nonzero(beside)
     layer, row, col = blocks.T[:, block] * BLOCK + np.stack(within)
     _, rows, cols = state.shape

@@ -6,9 +6,14 @@ import torch
 from anm_mj.mapping.backends.parameters import DECODER_NAMES
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.backends.torch_field import decode_color, decode_sdf
-from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_losses import (
+    composite,
+    ray_losses,
+    sdf_to_weight,
+    smoothness_lattice,
+    smoothness_loss,
+)
 from anm_mj.mapping.backends.torch_sampling import valid_depth
-from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
 from anm_mj.mapping.rays import RayBatch
 
 

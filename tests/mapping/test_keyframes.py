@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.keyframes import KeyframeStore
-from anm_mj.mapping.packed_pixels import PIXEL
+from anm_mj.mapping.keyframes import PIXEL, KeyframeStore
 from anm_mj.mapping.rays import RayBatch, part, sample_frame
 from tests.mapping.numpy_reference import concatenate
 from tests.mapping.ray_room import Room

@@ -9,9 +9,9 @@ from anm_mj import _native
 from anm_mj.mapping import lattice
 from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
-from anm_mj.mapping.mapping_config import default_mapping
+from anm_mj.mapping.keyframes import PIXEL, ray_batches
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.occupancy_kernels import BLOCK
-from anm_mj.mapping.packed_pixels import PIXEL, ray_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping import numpy_reference
@@ -159,10 +159,10 @@ def test_lent_cores_leave_one_at_least():
     points = np.random.default_rng(0).random((500, 3))
     try:
         lend(99)
-        with_one = NativeBackend(default_mapping(), seed=0, num_threads=2).query_sdf(points)
+        with_one = NativeBackend(MappingConfig(), seed=0, num_threads=2).query_sdf(points)
     finally:
         lend(0)
-    assert np.array_equal(NativeBackend(default_mapping(), seed=0, num_threads=2).query_sdf(points), with_one)
+    assert np.array_equal(NativeBackend(MappingConfig(), seed=0, num_threads=2).query_sdf(points), with_one)
 
 
 def test_a_thread_that_waits_for_a_longer_task_wakes_when_it_is_done():

@@ -8,8 +8,7 @@ from scipy.sparse import coo_matrix, csgraph
 
 from anm_mj.planning.policies.gvg.pooled_occupancy import POOL
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
-from anm_mj.utils.arrays import dilate_mask
-from anm_mj.utils.grid_windows import bounds
+from anm_mj.utils.arrays import bounds, dilate_mask
 
 RAYS_PER_BATCH = 16_384
 """Rays that are cast at once."""

@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from anm_mj.utils.arrays import dilate_mask
-from anm_mj.utils.grid_windows import bounds, clamp, dilate, relative_to, union
+from anm_mj.utils.arrays import bounds, clamp, dilate, dilate_mask, relative_to, union
 
 SHAPE = (20, 30)
 

@@ -2,22 +2,22 @@ from dataclasses import dataclass
 
 import pytest
 
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class Example:
+class Example(Settings, group="example", error=ValueError):
     plain: float = 1.0
     share: float = setting(0.5, at_least=0.0, at_most=1.0)
     percentile: float = setting(50.0, below=100.0)
-    turns: int = setting(1, above=0)
+    turns: int = setting(1)
     way: str = setting("left", choices=("left", "right"))
     name: str = "any"
     on: bool = False
 
 
 def test_defaults_are_within_their_limits():
-    check_settings(Example(), "example", ValueError)
+    Example()
 
 
 @pytest.mark.parametrize(
@@ -35,9 +35,9 @@ def test_defaults_are_within_their_limits():
 )
 def test_a_value_beyond_the_limits_is_named_with_them(value, said):
     with pytest.raises(ValueError, match=said):
-        check_settings(Example(**value), "example", ValueError)
+        Example(**value)
 
 
 def test_a_limit_may_be_reached_where_it_is_included():
-    check_settings(Example(share=0.0), "example", ValueError)
-    check_settings(Example(share=1.0), "example", ValueError)
+    Example(share=0.0)
+    Example(share=1.0)

@@ -55,23 +55,17 @@ class MapperBackend(ABC):
 
     @abstractmethod
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
-        """One iteration: sample, render, losses, gradients, Adam. Returns the losses before the update.
-
-        Args:
-            rays: The batch.
-            seed: What the sample jitter is derived from.
-            smoothness_corner_m: Lowest corner of the smoothness lattice in the world [m]; None leaves the term out.
+        """One iteration: sample, render, losses, gradients, Adam. The sample jitter is derived from ``seed``; the
+        smoothness lattice has its lowest corner at ``smoothness_corner_m`` in the world, None leaves the term out.
+        Returns the losses before the update.
         """
 
     def steps(
         self, batches: Sequence[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
-        """Several iterations, with the results of :meth:`step` on each batch; an engine may let them overlap. Returns
-        the losses of each, up to the first whose total is not finite: nothing is trained after it.
-
-        Args:
-            batches: The batches.
-            draws: Seed and smoothness corner of each.
+        """Several iterations, with the results of :meth:`step` on each batch, by its seed and smoothness corner in
+        ``draws``; an engine may let them overlap. Returns the losses of each, up to the first whose total is not
+        finite: nothing is trained after it.
         """
         done: list[StepLosses] = []
         for rays, (seed, corner_m) in zip(batches, draws, strict=True):

@@ -19,12 +19,11 @@ import trimesh
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
-from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.parameters import check_shapes
-from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, TensorBackend
+from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, Adam, TensorBackend
+from anm_mj.mapping.backends.torch_losses import sdf_to_weight
 from anm_mj.mapping.backends.torch_sampling import counter_uniform
-from anm_mj.mapping.backends.volume_rendering import sdf_to_weight
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
 

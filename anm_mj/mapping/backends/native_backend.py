@@ -13,18 +13,19 @@ from anm_mj import _native
 from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
-from anm_mj.mapping.backends.grid_layout import bins_per_m, cells_per_m, index_factors
 from anm_mj.mapping.backends.parameters import (
     DECODER_NAMES,
+    bins_per_m,
+    cells_per_m,
     check_shapes,
     decoder_shapes,
+    index_factors,
     initial_parameters,
     parameter_shapes,
     split_flat,
 )
-from anm_mj.mapping.backends.spaced_depths import spaced_depths
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.mapping.rays import RayBatch
+from anm_mj.mapping.rays import RayBatch, spaced_depths
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024
@@ -48,16 +49,9 @@ class NativeBackend(MapperBackend):
         kernel: str = "",
         parameters: Parameters | None = None,
     ) -> None:
-        """Start from given parameters, or from those that ``seed`` gives. Raises MapError if a layer or a ray's samples
-        are too many for the engine.
-
-        Args:
-            config: The mapping configuration.
-            seed: What the start values are drawn from.
-            num_threads: Threads to compute with; None for OMP_NUM_THREADS, or one per core that
-                the process may use.
-            kernel: Instruction set to use, one of ``_native.kernel_names()``; empty for the best of this processor.
-            parameters: To start from; None = the start values.
+        """Start from given parameters, or from those that ``seed`` gives. ``num_threads`` None = ``OMP_NUM_THREADS``,
+        or one per core that the process may use; ``kernel`` is the instruction set, one of ``_native.kernel_names()``,
+        empty for the best of this processor. Raises MapError if a layer or a ray's samples are too many for the engine.
         """
         field, sampling = config.field, config.sampling
         widest = max(field.hidden_width, field.geometry_features + 1, sampling.samples_per_ray)
@@ -221,5 +215,5 @@ def _optional(array: Float[np.ndarray, "..."] | None) -> Float32[np.ndarray, "..
     return None if array is None else _floats(array)
 
 
-def _ray_arrays(rays: RayBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return _floats(rays.origin_m), _floats(rays.direction), _floats(rays.rgb), _floats(rays.depth_m)
+def _ray_arrays(rays: RayBatch) -> tuple[Float32[np.ndarray, "..."], ...]:
+    return tuple(map(_floats, vars(rays).values()))

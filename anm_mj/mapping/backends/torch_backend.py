@@ -5,14 +5,18 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.parameters import check_shapes, decoder_shapes, parameter_shapes, split_flat
-from anm_mj.mapping.backends.tensor_backend import TensorBackend
+from anm_mj.mapping.backends.tensor_backend import Adam, TensorBackend
 from anm_mj.mapping.backends.torch_field import TorchField, decode_color, decode_sdf, sdf_hidden, sensitivity
-from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_losses import (
+    composite,
+    ray_losses,
+    sdf_to_weight,
+    smoothness_lattice,
+    smoothness_loss,
+)
 from anm_mj.mapping.backends.torch_sampling import sample_depths, valid_depth
-from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
 
@@ -64,7 +68,7 @@ class TorchBackend(TensorBackend):
     @torch.no_grad()
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """The SDF s at world points, in fractions of the truncation; see the base class."""
-        return self._ask(points_m, lambda points: self.field.decode_sdf(*self.field.encode(points))[:, 0])
+        return self._ask(points_m, lambda points: decode_sdf(self.field.decoders, *self.field.encode(points))[:, 0])
 
     @torch.no_grad()
     def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
@@ -139,5 +143,5 @@ class TorchBackend(TensorBackend):
 
     def _decode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n 3"]]:
         features, blob = self.field.encode(points)
-        outputs = self.field.decode_sdf(features, blob)
-        return outputs[:, 0], self.field.decode_color(blob, outputs[:, 1:])
+        outputs = decode_sdf(self.field.decoders, features, blob)
+        return outputs[:, 0], decode_color(self.field.decoders, blob, outputs[:, 1:])

@@ -9,7 +9,7 @@ the same code, and the grid's coarse levels, whose periods differ, tell them apa
 The grid (Müller et al., Instant Neural Graphics Primitives, 2022) has ``num_levels`` tables of ``2^log2_table_size``
 entries. Coarse levels index by position modulo a box, so no two cells of a flat collide; fine ones by the spatial hash
 of that paper. One formula serves both: ``((x * ax) & mx) ^ ((y * ay) & my) ^ ((z * az) & mz)``. As the scene grows, the
-tables can be doubled without moving what was learnt, see :func:`anm_mj.mapping.backends.grid_layout.doubled_table`.
+tables can be doubled without moving what was learnt, see :func:`anm_mj.mapping.backends.parameters.doubled_table`.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Float, Int32
 from torch import Tensor
 
-from anm_mj.mapping.backends.grid_layout import cells_per_m, index_factors
+from anm_mj.mapping.backends.parameters import cells_per_m, index_factors
 from anm_mj.mapping.mapping_config import FieldConfig
 
 

@@ -38,29 +38,17 @@ class TorchField(torch.nn.Module):
     def encode(self, points_m: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
         """Grid features and one-blob code of world points [m]."""
         blob = one_blob(points_m, self._period_m.to(points_m.dtype), self.config.blob_bins)
-        return self._grid.features(points_m, *self.planes), blob
+        return self.grid_features(points_m), blob
 
     def grid_features(self, points_m: Float[Tensor, "n 3"]) -> Float[Tensor, "n features"]:
         """Grid features alone, for the smoothness term."""
         return self._grid.features(points_m, *self.planes)
 
-    def decode_sdf(
-        self, features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
-    ) -> Float[Tensor, "n outputs"]:
-        """The SDF s in column 0 and the geometry features in the others."""
-        return decode_sdf(self.decoders, features, blob)
-
-    def decode_color(
-        self, blob: Float[Tensor, "n blob"], geometry: Float[Tensor, "n geometry"]
-    ) -> Float[Tensor, "n 3"]:
-        """Red, green, blue in [0, 1]."""
-        return decode_color(self.decoders, blob, geometry)
-
 
 def decode_sdf(
     decoders: Mapping[str, Tensor], features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
 ) -> Float[Tensor, "n outputs"]:
-    """The SDF decoder with given weights."""
+    """The SDF decoder with given weights: s in column 0, and the geometry features in the others."""
     return sdf_hidden(decoders["sdf_hidden"], features, blob) @ decoders["sdf_out"].t()
 
 
@@ -76,7 +64,7 @@ def sdf_hidden(
 def decode_color(
     decoders: Mapping[str, Tensor], blob: Float[Tensor, "n blob"], geometry: Float[Tensor, "n geometry"]
 ) -> Float[Tensor, "n 3"]:
-    """The colour decoder with given weights; the sigmoid keeps colours in [0, 1]."""
+    """The colour decoder with given weights: red, green, blue in [0, 1], which the sigmoid keeps them in."""
     hidden, split = decoders["color_hidden"], blob.shape[1]
     joined = torch.addmm(blob @ hidden[:, :split].t(), geometry, hidden[:, split:].t())
     return torch.sigmoid(torch.relu(joined) @ decoders["color_out"].t())
@@ -85,15 +73,9 @@ def decode_color(
 def sensitivity(
     decoders: Sequence[Float[Tensor, "_ _"]], features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-    """Squared norms of the gradients by all decoder weights, of s and of the colour (mean of the three channels).
-
-    Each layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no
-    gradient has to be formed.
-
-    Args:
-        decoders: The decoders' matrices in the order of the parameter layout.
-        features: Grid features.
-        blob: One-blob codes.
+    """Squared norms of the gradients by all decoder weights, of s and of the colour (mean of the three channels). Each
+    layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no gradient
+    has to be formed. ``decoders`` are in the order of the parameter layout.
     """
     in_sdf, out_sdf, in_color, out_color = decoders
     geometry_columns = in_color[:, blob.shape[1] :]

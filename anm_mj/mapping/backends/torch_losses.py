@@ -1,4 +1,6 @@
-"""The five loss terms (paper, Eq. 9 to 12), with the normalisation of Co-SLAM's released code."""
+"""Volume rendering of a signed distance field (paper, Eq. 1 and 2), and the five loss terms (Eq. 9 to 12), with the
+normalisation of Co-SLAM's released code.
+"""
 
 from typing import NamedTuple
 
@@ -7,6 +9,32 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from anm_mj.mapping.mapping_config import LossConfig
+
+WEIGHT_SCALE = 0.1
+"""The threshold of Eq. 2 in the unit of s, a fraction of the truncation: the weights fall off within about 1 cm."""
+
+
+def sdf_to_weight(
+    s: Float[Tensor, "n samples"], z_m: Float[Tensor, "n samples"], truncation_m: float
+) -> Float[Tensor, "n samples"]:
+    """Rendering weights of Eq. 2, summing to one along each ray.
+
+    Samples further than the truncation behind the first sign change are left out, so that a second surface behind the
+    first one does not shine through. A ray without a sign change keeps all its samples.
+    """
+    weight = torch.sigmoid(s / WEIGHT_SCALE) * torch.sigmoid(-s / WEIGHT_SCALE)
+    crossing = (s[:, 1:] * s[:, :-1]) < 0.0
+    first = torch.argmax(crossing.to(torch.uint8), dim=1, keepdim=True)
+    limit = torch.where(crossing.any(dim=1, keepdim=True), z_m.gather(1, first) + truncation_m, torch.inf)
+    weight = weight * (z_m < limit)
+    return weight / (weight.sum(dim=1, keepdim=True) + 1e-8)
+
+
+def composite(
+    weights: Float[Tensor, "n samples"], values: Float[Tensor, "n samples channels"]
+) -> Float[Tensor, "n channels"]:
+    """Weighted sum of values along each ray (Eq. 1)."""
+    return (weights[:, :, None] * values).sum(dim=1)
 
 
 class LossTerms(NamedTuple):
@@ -35,18 +63,8 @@ def ray_losses(
 
     Both SDF terms are means over all samples of the batch, and each is weighted by the other's share of the supervised
     samples. On a ray without depth, all samples are free or none is, as ``config.no_depth_is_free`` says. Returns the
-    terms, without smoothness.
-
-    Args:
-        s: Predicted SDF in fractions of the truncation.
-        z_m: Planar depth of the samples [m].
-        rendered_rgb: Rendered colours in [0, 1].
-        rendered_depth_m: Rendered planar depth [m].
-        rgb: Measured colours in [0, 1].
-        depth_m: Measured planar depth [m]; anything where not valid.
-        valid: Rays with a surface in range.
-        truncation_m: Truncation distance [m].
-        config: Weights of the terms.
+    terms, without smoothness. ``s`` is predicted, in fractions of the truncation; depths are planar [m], colours in [0,
+    1]. Rays with a surface in range are ``valid``; ``depth_m`` may be anything on the others.
     """
     depth = torch.where(valid, depth_m, 0.0)[:, None]
     hit = valid[:, None]
@@ -76,7 +94,5 @@ def smoothness_loss(features: Float[Tensor, "points features"], config: LossConf
     """Squared differences of neighbouring grid features, summed, per lattice point (paper, Eq. 12)."""
     k = config.smoothness_points
     lattice = features.view(k, k, k, -1)
-    total = lattice.new_zeros(())
-    for axis in range(3):
-        total = total + lattice.diff(dim=axis).square().sum()
-    return total / (k + 1) ** 3
+    x, y, z = (lattice.diff(dim=axis).square().sum() for axis in range(3))
+    return (x + y + z) / (k + 1) ** 3

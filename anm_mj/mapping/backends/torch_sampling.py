@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from anm_mj.mapping.backends.spaced_depths import spaced_depths
 from anm_mj.mapping.mapping_config import SamplingConfig
+from anm_mj.mapping.rays import spaced_depths
 
 _MASK = 0xFFFFFFFF
 
@@ -40,13 +40,8 @@ def valid_depth(depth_m: Float[Tensor, " n"], config: SamplingConfig) -> Bool[Te
 def sample_depths(
     depth_m: Float[Tensor, " n"], config: SamplingConfig, truncation_m: float, seed: int
 ) -> Float[Tensor, "n samples"]:
-    """Planar depths of the samples along each ray, ascending [m].
-
-    Args:
-        depth_m: Measured planar depth per ray [m]; NaN where there is none.
-        config: The scheme and its counts.
-        truncation_m: Half width of the band about the surface [m].
-        seed: What the jitter is derived from.
+    """Planar depths of the samples along each ray, ascending [m]. ``depth_m`` is measured, NaN where it was not;
+    ``truncation_m`` is half the width of the band about the surface; the jitter is derived from ``seed``.
     """
     valid = valid_depth(depth_m, config)
     jitter = counter_uniform(seed, len(depth_m), config.samples_per_ray, depth_m.device).to(depth_m.dtype)

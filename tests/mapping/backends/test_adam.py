@@ -4,7 +4,7 @@ import sys
 import pytest
 import torch
 
-from anm_mj.mapping.backends.adam import Adam
+from anm_mj.mapping.backends.tensor_backend import Adam
 from anm_mj.mapping.mapping_config import OptimizerConfig
 
 

@@ -14,7 +14,7 @@ from anm_mj.mapping.backends.native_backend import NativeBackend, _optional, _ra
 from anm_mj.mapping.backends.parameters import DECODER_NAMES
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.backends.torch_sampling import sample_depths
-from anm_mj.mapping.mapping_config import MappingConfig, default_mapping, paper_mapping
+from anm_mj.mapping.mapping_config import MappingConfig, paper_mapping
 from anm_mj.mapping.rays import RayBatch, part, sample_frame
 from tests.mapping.numpy_reference import concatenate
 from tests.mapping.ray_room import Room
@@ -29,14 +29,14 @@ def small(config: MappingConfig) -> MappingConfig:
 
 def odd_mapping() -> MappingConfig:
     """Sizes that fill no vector."""
-    config = default_mapping()
+    config = MappingConfig()
     field = replace(config.field, num_levels=5, blob_bins=7, hidden_width=20, geometry_features=5, log2_table_size=9)
     sampling = replace(config.sampling, free_samples=2, near_samples=3)
     loss = replace(config.loss, smoothness=0.3, smoothness_points=3, no_depth_is_free=False)
     return replace(config, field=field, sampling=sampling, loss=loss)
 
 
-CONFIGS = {"default": small(default_mapping()), "paper": small(paper_mapping()), "odd": odd_mapping()}
+CONFIGS = {"default": small(MappingConfig()), "paper": small(paper_mapping()), "odd": odd_mapping()}
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import torch
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.parameters import DECODER_NAMES, decoder_shapes
 from anm_mj.mapping.backends.torch_backend import TorchBackend
+from anm_mj.mapping.backends.torch_field import decode_color, decode_sdf
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch, sample_frame
 from tests.mapping.ray_room import Room
@@ -51,8 +52,8 @@ def test_gradients_agree_with_double_precision_autograd_through_plain_indexing(t
     field = backend.field
     index, weight = field._grid.corners(points)
     features, blob = field.encode(points)
-    outputs = field.decode_sdf(features, blob)
-    (outputs.square().sum() + field.decode_color(blob, outputs[:, 1:]).sum()).backward()
+    outputs = decode_sdf(field.decoders, features, blob)
+    (outputs.square().sum() + decode_color(field.decoders, blob, outputs[:, 1:]).sum()).backward()
     planes = [p.detach().double().requires_grad_() for p in field.planes]
     weights = [field.decoders[n].detach().double().requires_grad_() for n in DECODER_NAMES]
     gathered = torch.stack([(plane[index.long()] * weight.double()).sum(dim=0) for plane in planes])
@@ -117,8 +118,8 @@ def test_sensitivity_is_the_squared_norm_of_the_decoders_gradient(tiny_config, r
     weights = list(backend.field.decoders.values())
     for i in range(len(points)):
         features, blob = backend.field.encode(torch.from_numpy(points[i : i + 1]))
-        outputs = backend.field.decode_sdf(features.detach(), blob)
-        color = backend.field.decode_color(blob, outputs[:, 1:])
+        outputs = decode_sdf(backend.field.decoders, features.detach(), blob)
+        color = decode_color(backend.field.decoders, blob, outputs[:, 1:])
 
         def square(value):
             gradients = torch.autograd.grad(value, weights, retain_graph=True, allow_unused=True)

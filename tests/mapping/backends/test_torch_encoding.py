@@ -6,7 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.mapping.backends.grid_layout import cell_sizes_m, doubled_table, index_factors
+from anm_mj.mapping.backends.parameters import cell_sizes_m, doubled_table, index_factors
 from anm_mj.mapping.backends.torch_encoding import HashGrid, _Interpolate, gather_corners, one_blob
 from anm_mj.mapping.mapping_config import FieldConfig
 

@@ -1,6 +1,6 @@
 import torch
 
-from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
+from anm_mj.mapping.backends.torch_losses import composite, sdf_to_weight
 
 TRUNCATION_M = 0.1
 

@@ -51,7 +51,7 @@ from anm_mj.types import (
     TargetOutcome,
     TopDownMap,
 )
-from anm_mj.utils.grid_windows import Window
+from anm_mj.utils.arrays import Window
 from anm_mj.utils.stopwatch import Stopwatch
 
 

@@ -31,7 +31,7 @@ from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
 from anm_mj.types import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2, SurfaceErrors
-from anm_mj.utils.grid_windows import Window
+from anm_mj.utils.arrays import Window
 
 TRIAL_STEP = 0.9
 """A view suppresses a cell again only from nearer than this share of the nearest distance so far."""

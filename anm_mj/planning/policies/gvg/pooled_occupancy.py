@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int8
 
 from anm_mj import _native
 from anm_mj.types import UNKNOWN, OccupancyGrid
-from anm_mj.utils.arrays import embed
-from anm_mj.utils.grid_windows import Window
+from anm_mj.utils.arrays import Window, embed
 
 POOL = 2
 """Voxels along the edge of a cell."""

@@ -8,8 +8,7 @@ from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import INSIDE
 from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, UnexploredPatch
-from anm_mj.utils.arrays import dilate_mask
-from anm_mj.utils.grid_windows import bounds, dilate
+from anm_mj.utils.arrays import bounds, dilate, dilate_mask
 
 MIN_AREA_M2 = 0.2
 """Smaller patches are not reported [m2]."""

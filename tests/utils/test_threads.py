@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from anm_mj.utils import threads
-from anm_mj.utils.background import Background
+from anm_mj.utils.threads import Background
 
 
 def test_tasks_are_done_in_order_with_a_core_of_their_own():
