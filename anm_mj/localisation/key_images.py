@@ -106,15 +106,8 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
         depth = smoothed_depth(depth, radius, noise_per_m)
     with np.errstate(over="ignore"):
         half = depth.astype(np.float16)
-    return KeyImage(
-        half,
-        np.rint(gray).astype(np.uint8),
-        coarse_gray(gray),
-        camera,
-        observation.T_world_camera,
-        observation.step,
-        radius_px=radius,
-    )
+    fine, T_world_camera = np.rint(gray).astype(np.uint8), observation.T_world_camera
+    return KeyImage(half, fine, coarse_gray(gray), camera, T_world_camera, observation.step, radius_px=radius)
 
 
 def _picked(k: Intrinsics, longest_px: int) -> tuple[int, tuple[slice, slice]]:
@@ -151,20 +144,15 @@ class KeyImages:
         self._reference: tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"]] | None = None
         """Pose of an earlier frame that shows the same part of the map as the present one, and its covariance."""
 
-    def see(self, image: KeyImage) -> None:
-        """Take a frame whose pose is known as the last one, until the next."""
+    def see(self, image: KeyImage | None) -> None:
+        """Take a frame whose pose is known as the last one, until the next; None = that does not follow a known one."""
         self._last = image
-
-    def forget_last(self) -> None:
-        """The next frame does not follow a known one."""
-        self._last = None
 
     def add(
         self, observation: Observation, noise_per_m: float, covariance: Float[np.ndarray, "6 6"] | None = None
     ) -> None:
-        """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square.
-
-        ``covariance`` is that of the pose in the world; None = it is exact.
+        """Keep a frame whose pose is known, with its covariance in the world, None = it is exact. The sensor's depth
+        deviates by ``noise_per_m`` times its square.
         """
         image = self._last
         if image is None or image.T_world_camera is not observation.T_world_camera:
@@ -250,29 +238,13 @@ class KeyImages:
         others. ``gray`` are the points' grey values in [0, 1]; with ``coarse`` those as of :attr:`KeyImage.coarse`, to
         be compared with these. ``depth_share`` is what their depth counts beside grey values.
         """
-        config = self.config
-        settings = np.array(
-            [
-                config.deviation_m,
-                kernel,
-                config.reach_m,
-                config.edge_share,
-                config.gray_deviation,
-                config.gray_kernel,
-                1.0 / COARSE if coarse else 1.0,
-                noise_per_m if math.isfinite(noise_per_m) else 0.0,
-            ]
-        )
-        hessian, gradient, facts = _native.frame_to_frames(
-            points.camera_m,
-            gray,
-            points.variance_m2,
-            points.trust,
-            [image.arrays(coarse) for image in images],
-            T_world_camera,
-            depth_share,
-            settings,
-        )
+        config, scale = self.config, 1.0 / COARSE if coarse else 1.0
+        noise = noise_per_m if math.isfinite(noise_per_m) else 0.0
+        distances = config.deviation_m, kernel, config.reach_m, config.edge_share
+        settings = np.array([*distances, config.gray_deviation, config.gray_kernel, scale, noise])
+        seen = points.camera_m, gray, points.variance_m2, points.trust
+        arrays = [image.arrays(coarse) for image in images]
+        hessian, gradient, facts = _native.frame_to_frames(*seen, arrays, T_world_camera, depth_share, settings)
         cost, num_points, gray_cost = (facts / len(images)).tolist()
         return Sums(hessian, gradient, cost, num_points, gray_cost)
 

@@ -7,18 +7,18 @@ distances shrinks from step to step, so that a wrong start finds the surface and
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Float, Float64
 
-from anm_mj.localisation.frame_points import with_trust
 from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.localiser import largest_deviations
+from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.se3 import camera_motion, moved_camera
-from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
+from anm_mj.mapping.alignment import FramePoints, NormalEquations
 
 
 class Sums(NamedTuple):
@@ -72,25 +72,6 @@ class Extra(Protocol):
         ...
 
 
-@runtime_checkable
-class Probe(Protocol):
-    """What a registration asks of a map; :class:`~.map_probe.MapProbe` answers."""
-
-    def align(
-        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
-    ) -> NormalEquations:
-        """Compare a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
-        ...
-
-    def known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which world points [m] lie at surface that was observed."""
-        ...
-
-    def contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-        """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
-        ...
-
-
 _COARSE_STEP = 3
 """Of so many points one is registered at first."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
@@ -127,7 +108,7 @@ class RegistrationProblem:
     """Pixels of the frame."""
     prior: Prior
     """What is known of its pose."""
-    probe: Probe
+    probe: MapProbe
     """The map."""
     config: RegistrationConfig
     extra: Extra | None = None
@@ -168,12 +149,7 @@ class Registration:
 
 
 def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | None = None) -> Registration:
-    """The most likely pose of a frame.
-
-    Args:
-        problem: The frame, and what its pose is sought by.
-        start: Camera pose where the search begins; None = at the prior.
-    """
+    """The most likely pose of a frame; the search begins at the camera pose ``start``, None = at the prior."""
     points, prior, config, extra = problem.points, problem.prior, problem.config, problem.extra
     basis = prior.basis
     information = np.linalg.inv(prior.covariance)
@@ -209,7 +185,9 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         if iteration == coarse_iterations:
             points, extra = all_points, all_extra
         if iteration in (0, coarse_iterations):
-            trusted = with_trust(points, problem.probe.known(_world(points, T)))
+            world_m = points.camera_m @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)
+            known = problem.probe.known(world_m)
+            trusted = replace(points, trust=points.trust * known.astype(np.float32))
         share = min(1.0, iteration / config.shrink_iterations) if config.shrink_iterations else 1.0
         equations, hessian, gradient, fits = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
@@ -229,6 +207,8 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
     prior_cost = float(offset @ information @ offset)
     heading_cost = 0.0 if prior.headings is None else prior.headings.sums(T).cost
     worst = config.settings(share).kernel ** 2
+    shared = sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
+    of_points = config.information * len(points) * shared
     root = np.linalg.cholesky(prior.covariance)
     gain = np.linalg.eigvalsh(root.T @ hessian @ root)
     return Registration(
@@ -240,16 +220,8 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         rmse,
         int(np.count_nonzero(gain > 1.0)),
         iteration,
-        config.information
-        * len(points)
-        * sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
-        + prior_cost
-        + heading_cost,
+        of_points + prior_cost + heading_cost,
         tuple(fits),
         prior_cost,
         heading_cost,
     )
-
-
-def _world(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
-    return points.camera_m @ T_world_camera[:3, :3].T.astype(np.float32) + T_world_camera[:3, 3].astype(np.float32)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import Extra, Prior, Registration, RegistrationProblem, register
+from anm_mj.localisation.registration import Extra, Prior, Registration, RegistrationProblem, Sums, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
@@ -24,12 +24,8 @@ _MOST_TURN_RAD = 0.03
 
 
 def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.random.Generator) -> Registration:
-    """The likeliest pose of a frame, sought from where its prior and its doubts ask for.
-
-    Args:
-        problem: The frame, and what its pose is sought by.
-        costs: A point's, of the last frames.
-        rng: Draws starts.
+    """The likeliest pose of a frame, sought from where its prior and its doubts ask for; ``costs`` are those of a point
+    of the last frames.
     """
     extra, config = problem.extra, problem.config
     found = register(problem, None if extra is None else rotation_search(problem.prior, extra, config))
@@ -54,16 +50,18 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
         T = moved_camera(prior.T_world_camera, prior.basis @ offset)
         sums = few(T, config.first_kernel, True)
         # Off the right place depth says more about the displacement than about the rotation, and leads astray.
-        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
         walls = 0.0 if headings is None else headings.sums(T).cost
-        return config.information * len(extra) * mean + float(offset @ information @ offset) + walls, sums.num_points
+        cost = config.information * len(extra) * _mean_cost(extra, sums) + float(offset @ information @ offset) + walls
+        return cost, sums.num_points
 
     best = np.zeros(len(prior.covariance))
     for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
         deviation = float(np.sqrt(prior.covariance[axis, axis]))
         if deviation < config.search_least_rad:
             continue
-        turns = np.linspace(-3.0, 3.0, 2 * _steps(3.0 * deviation) + 1) * deviation
+        # Pictures that are farther apart have nothing to follow.
+        steps = min(max(6, math.ceil(3.0 * deviation / _MOST_TURN_RAD)), _MOST_STEPS)
+        turns = np.linspace(-3.0, 3.0, 2 * steps + 1) * deviation
         if headings is not None:
             # Headings are sharper than the spacing.
             turns = np.concatenate((turns, headings.turns_rad))
@@ -75,9 +73,9 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
     return moved_camera(prior.T_world_camera, prior.basis @ best)
 
 
-def _steps(reach_rad: float) -> int:
-    """Into how many a rotation is divided: pictures that are farther apart have nothing to follow."""
-    return min(max(6, math.ceil(reach_rad / _MOST_TURN_RAD)), _MOST_STEPS)
+def _mean_cost(extra: Extra, sums: Sums) -> float:
+    """Of a point, by its grey value where there is one."""
+    return sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
 
 
 def displacement_search(
@@ -88,12 +86,8 @@ def displacement_search(
     Before a near wall a centimetre is a few pixels, which is a picture's basin: a displacement along the wall has to be
     looked for. By grey values, if there are any: what slides out of view takes its cost in depth along.
 
-    Args:
-        problem: The frame, with the images.
-        T_world_camera: Where the search begins; its rotation is kept.
-
-    Returns:
-        The place that costs least; None if the displacement is known to some pixels, or there are no images.
+    The search begins at a pose, whose rotation is kept. None if the displacement is known to some pixels, or there are
+    no images.
     """
     prior, config, extra = problem.prior, problem.config, problem.extra
     if extra is None:
@@ -118,8 +112,8 @@ def displacement_search(
     for step in steps.tolist():
         sums = few(moved_camera(T_world_camera, prior.basis @ (step * direction)), config.kernel, False)
         offset = begin + step * direction
-        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
-        costs.append(config.information * len(extra) * mean + float(offset @ information @ offset))
+        by_images = config.information * len(extra) * _mean_cost(extra, sums)
+        costs.append(by_images + float(offset @ information @ offset))
         counts.append(sums.num_points)
     # What slides out of view costs nothing, and says nothing.
     seen = np.array(counts) >= max(1.0, 0.5 * max(counts))
@@ -135,14 +129,7 @@ def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bo
 
 
 def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
-    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior.
-
-    Args:
-        prior: Of the frame.
-        found: Its registration.
-        costs: A point's, of the last frames.
-        config: Settings.
-    """
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior."""
     position, rotation = prior.deviations
     vague = position > config.retry_least_m or rotation > config.retry_least_rad
     usual = statistics.median(costs) if costs else 0.0
@@ -156,7 +143,7 @@ def register_from_several(problem: RegistrationProblem, rng: np.random.Generator
     No more starts are drawn once several have led to the best place so far. Arguments as of :func:`registered`.
     """
     prior, config, extra = problem.prior, problem.config, problem.extra
-    few = _few(problem)
+    few = problem.points.about(config.retry_points)
     quick = replace(problem, points=few, extra=extra and extra.every(max(1, len(extra) // config.retry_points)))
 
     def cost(found: Registration) -> float:
@@ -191,14 +178,9 @@ def register_displaced(problem: RegistrationProblem, first: Registration) -> Reg
     if start is None:
         return first
     found = register(replace(problem, config=replace(problem.config, shrink_iterations=0)), start)
-    few = _few(problem)
+    few = problem.points.about(problem.config.retry_points)
     is_likelier = _cost_beside(problem, few, first, found) < _cost_beside(problem, few, first, first)
     return found if is_likelier else first
-
-
-def _few(problem: RegistrationProblem) -> FramePoints:
-    """Some points of a frame, by which registrations are compared."""
-    return problem.points.every(max(1, len(problem.points) // problem.config.retry_points))
 
 
 def _cost_beside(problem: RegistrationProblem, few: FramePoints, first: Registration, found: Registration) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.localisation.localisation_config import RelocalisationConfig
-from anm_mj.localisation.occupancy_agreement import Agreement
+from anm_mj.localisation.map_probe import Agreement
 from anm_mj.localisation.registration import Registration
 
 _DOUBT_FRAMES = 2

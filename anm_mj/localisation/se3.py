@@ -64,7 +64,9 @@ def camera_motion(
     return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turned))
 
 
-def transition(T_world_from: Float[np.ndarray, "4 4"], T_world_to: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6 6"]:
+def transition(
+    T_world_from: Float[np.ndarray, "4 4"], T_world_to: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "6 6"]:
     """What a small change of a pose makes of another one that is rigid to it: a rotation moves that one, too."""
     onward = np.eye(6)
     onward[:3, 3:] = -skew(T_world_to[:3, 3] - T_world_from[:3, 3])

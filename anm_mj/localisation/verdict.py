@@ -1,5 +1,7 @@
-"""Whether a frame fits the map where it was registered."""
+"""Whether a frame fits the map where it was registered: one that fits less well than usual may be in a wrong place."""
 
+import math
+import statistics
 from enum import Enum
 
 from anm_mj.localisation.localisation_config import LocalisationConfig
@@ -8,6 +10,11 @@ from anm_mj.localisation.registration import Prior, Registration
 from anm_mj.localisation.registration_starts import is_jump
 from anm_mj.localisation.relocalisation_scores import frame_score
 from anm_mj.mapping.alignment import FramePoints
+
+_FRAMES = 20
+"""So many frames say what is usual,"""
+_RECENT = 3
+"""and so many what frames score just now: where much is new, less than usual."""
 
 
 class Verdict(Enum):
@@ -21,6 +28,31 @@ class Verdict(Enum):
     CONTRADICTS = "contradicts"
 
 
+class FitHistory:
+    """What registrations of the last frames that fitted cost and scored."""
+
+    def __init__(self) -> None:
+        """Before any frame."""
+        self.costs: list[float] = []
+        """A point's, in squared standard deviations."""
+        self._scores: list[float] = []
+
+    def add(self, cost: float, score: float) -> None:
+        """Take in a frame that fitted: what a point of it cost, and its score in [0, 1]."""
+        self.costs = [*self.costs, cost][-_FRAMES:]
+        self._scores = [*self._scores, score][-_FRAMES:]
+
+    @property
+    def usual_score(self) -> float:
+        """What frames score; NaN before any did."""
+        return statistics.median(self._scores) if self._scores else math.nan
+
+    @property
+    def recent_score(self) -> float:
+        """What the last ones score; NaN before any did."""
+        return statistics.median(self._scores[-_RECENT:]) if self._scores else math.nan
+
+
 def judged(
     points: FramePoints,
     prior: Prior,
@@ -29,15 +61,8 @@ def judged(
     config: LocalisationConfig,
     least_score: float,
 ) -> tuple[Verdict, float]:
-    """The verdict on a frame, and its score in [0, 1], by :func:`~.relocalisation_scores.frame_score`.
-
-    Args:
-        points: Of the frame.
-        prior: Of its pose.
-        found: Its registration.
-        probe: The map.
-        config: What is enough.
-        least_score: A frame with a lower score contradicts the map, too.
+    """The verdict on a frame, and its score in [0, 1], by :func:`~.relocalisation_scores.frame_score`. One that scores
+    less than ``least_score`` contradicts the map, too.
     """
     fits, tracking = probe.agreement(points, found.T_world_camera), config.tracking
     score = frame_score(fits, found, config.relocalisation)

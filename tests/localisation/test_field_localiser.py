@@ -9,7 +9,7 @@ import pytest
 from anm_mj.localisation.field_localiser import FieldLocaliser
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
-from anm_mj.localisation.occupancy_agreement import Agreement
+from anm_mj.localisation.map_probe import Agreement
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import Observation, Pose2

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.localisation_config import RegistrationConfig
+from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.registration import PLANAR, Prior, RegistrationProblem, Sums, register
 from anm_mj.localisation.registration_starts import displacement_search, register_displaced, register_from_several
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
@@ -40,7 +41,7 @@ def align(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettin
     return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
 
 
-class FakeMap:
+class FakeMap(MapProbe):
     """A map that knows all places; the field and the poses at odds with it are given."""
 
     def __init__(self, align, contradicted=lambda _points, _T: 0.0) -> None:
