@@ -5,13 +5,11 @@ from typing import Any
 
 from anm_mj.bench.best_known import BEST
 from anm_mj.bench.difference_table import difference_table
+from anm_mj.bench.error_tables import PAIRED, POSE_COLUMNS, localisation_table, reality_table
 from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
-from anm_mj.bench.localisation_table import COLUMNS as OF_THE_POSE
-from anm_mj.bench.localisation_table import PAIRED, localisation_table
 from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table
-from anm_mj.bench.reality_table import reality_table
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
-from anm_mj.bench.statistics import LEAST_SCENES, TASK
+from anm_mj.bench.statistics import LEAST_SCENES, TASK, case
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 
 REACHED = "reached_90"
@@ -43,7 +41,7 @@ OF_ONE_SCENE = (
     ("steps", "steps", 0),
     ("turns", "turns", 0),
     ("hz", "steps/s", 1),
-    *OF_THE_POSE[PAIRED:],
+    *POSE_COLUMNS[PAIRED:],
 )
 """Further columns of the tables of one scene."""
 FEWEST = "times_fewest_90"
@@ -100,7 +98,7 @@ def _overall(rows: Rows, by: str) -> list[str]:
     """Means over the runs that variants have in common, and the differences between variants."""
     parts = []
     for common, names in _groups(rows):
-        shared = [row for row in rows if _case(row) in common]
+        shared = [row for row in rows if case(row) in common]
         scenes = list(split_by(shared, "scene"))
         if len(scenes) > 1:
             text = f"Mean over {len(scenes)} scenes, {len(common)} runs of each policy"
@@ -133,7 +131,7 @@ def _groups(rows: Rows) -> list[tuple[set[tuple[Any, ...]], list[str]]]:
     The first table is of the variants that ran from about all starts, less those from which one of them failed; the
     others add variants that ran from fewer.
     """
-    cases = {name: set(map(_case, own)) for name, own in split_by(rows, "variant").items()}
+    cases = {name: set(map(case, own)) for name, own in split_by(rows, "variant").items()}
     left = sorted(cases, key=lambda name: -len(cases[name]))
     groups = []
     while left:
@@ -146,11 +144,6 @@ def _groups(rows: Rows) -> list[tuple[set[tuple[Any, ...]], list[str]]]:
         if len(names) > 1 or len(cases) == 1:
             groups.append((common, names))
     return groups
-
-
-def _case(row: dict[str, Any]) -> tuple[Any, ...]:
-    """What the runs of two variants share that compare."""
-    return tuple(row[key] for key in TASK)
 
 
 def _unusual(row: dict[str, Any]) -> tuple[int, int]:
@@ -180,7 +173,7 @@ def _bounds(rows: Rows, by: str) -> str:
     for scene, known in split_by([row for row in rows if row["best_known_auc"] is not None], "scene").items():
         # One of the rows of every start and platform: all say the same about it.
         keys = ("start", "budget", *PLATFORM, ROBOT_SETTINGS)
-        here = list({tuple(row[key] for key in keys): row for row in known}.values())
+        here = list({case(row, keys): row for row in known}.values())
         cells = [scene]
         for name in BEST:
             best, most = (numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))

@@ -34,7 +34,7 @@ class Headings:
     """Widths of Geman and McClure's kernel at first and at the end of a search [standard deviations]."""
 
     def sums(self, T_world_camera: Float[np.ndarray, "4 4"], share: float = 1.0) -> HeadingSums:
-        """What a pose's heading costs, and which way it costs less, a share in [0, 1] of the way between the kernels."""
+        """What a pose's heading costs, and which way it costs less, a share in [0, 1] of the way between kernels."""
         first, last = self.kernels
         kernel = first * (last / first) ** share
         turned = turned_rad(self.T_world_camera, T_world_camera)
