@@ -17,7 +17,7 @@ from anm_mj.bench.job import CONDITIONS, Job
 from anm_mj.bench.suite import GeneratedScene, ImportedScene, find_imported, provide, suite_file
 from anm_mj.config import BUDGETS
 from anm_mj.errors import BenchError
-from anm_mj.evaluation.oracle.tour_measure import MEASURES
+from anm_mj.evaluation.oracle.tour_annealing import MEASURES
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps

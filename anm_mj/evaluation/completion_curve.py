@@ -9,11 +9,12 @@ from jaxtyping import Float, Float32, UInt16
 from anm_mj.evaluation.completion import Completion, Coverage
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.io.curve_file import COLUMNS
 from anm_mj.types import Intrinsics, Pose2
 
 CHECKPOINT_STEPS = 10
 """Steps between two rows of the curve."""
-CURVE_HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m,position_error_cm,heading_error_deg"
+CURVE_HEADER = ",".join(COLUMNS)
 """First line of ``curve.csv``; ratios in per cent."""
 
 
@@ -37,10 +38,7 @@ class CurveRow:
     @property
     def csv(self) -> str:
         """The row as a line of ``curve.csv``, every digit kept."""
-        optional = (self.observable_ratio, self.position_error_cm, self.heading_error_deg)
-        observable, position, heading = ("" if value is None else repr(value) for value in optional)
-        known = f"{self.step},{self.completion_ratio!r},{self.completion_cm!r},{observable},{self.path_m!r}"
-        return f"{known},{position},{heading}"
+        return ",".join("" if value is None else repr(value) for value in vars(self).values())
 
 
 class CompletionCurve:
@@ -84,15 +82,10 @@ class CompletionCurve:
         pose: Pose2,
         believed: Pose2 | None = None,
     ) -> CurveRow | None:
-        """Add the frame after ``step`` actions; returns its row, if it has one.
+        """Add the frame after ``step`` actions, at a pose of the base; returns its row, if it has one.
 
-        Args:
-            step: Number of actions before the frame.
-            depth_mm: Reduced depth [mm].
-            intrinsics: Of the original image.
-            T_world_camera: Camera to world, CV axes.
-            pose: Pose of the base.
-            believed: Where the robot thought that its base was; None where that was the same, or it did not know.
+        Depth [mm], intrinsics and camera as of :meth:`~anm_mj.evaluation.completion.Coverage.add`. ``believed`` is where
+        the robot thought that its base was; None where that was the same, or it did not know.
         """
         if self._coverage is not None:
             self._coverage.add(depth_mm, intrinsics, T_world_camera)

@@ -15,9 +15,8 @@ from jaxtyping import Float, Float32, UInt8
 from PIL import Image
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.rendered_views import compare_views, write_views
 from anm_mj.evaluation.rerender import explored_scene, observe_at
-from anm_mj.evaluation.view_quality import ViewsResult
+from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_views
 from anm_mj.frames import back_project
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.io.read_run import Run, read_run

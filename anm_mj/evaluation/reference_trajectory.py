@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.trajectory_error import TrajectoryError, trajectory_error
+from anm_mj.evaluation.trajectory_error import TrajectoryError, of_all_frames, trajectory_error
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence_poses import base_pose
@@ -51,11 +51,4 @@ def reference_error(frames: Sequence[FrameRecord], reference: Track) -> Trajecto
         T = T_world_reference @ pose
         placed.append(replace(frame, T_true_camera=T, true_pose=base_pose(T)))
     error = trajectory_error(placed)
-    if error is None:
-        return None
-    lost, unmapped = (
-        100.0 * float(np.mean(shares))
-        for shares in ([frame.is_lost for frame in frames], [not frame.is_mapped for frame in frames])
-    )
-    loops = sum(frame.closes_loop for frame in frames)
-    return replace(error, lost_percent=lost, unmapped_percent=unmapped, loops_closed=loops)
+    return None if error is None else replace(error, **of_all_frames(frames))

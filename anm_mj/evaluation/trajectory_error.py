@@ -8,6 +8,7 @@ error of nothing.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -21,32 +22,32 @@ RPE_RAD = math.pi / 2
 """Rotation over which drift is measured [rad]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrajectoryError:
     """Errors of the camera's believed poses; the fields are those of ``metrics.json``.
 
     Frames whose pose was not known count in the two shares alone; without any other, errors are None.
     """
 
-    position_rmse_cm: float | None
+    position_rmse_cm: float | None = None
     """Root mean square of the position error in the world, without alignment [cm]."""
-    ate_rmse_cm: float | None
+    ate_rmse_cm: float | None = None
     """The same after the rigid alignment that makes it smallest (absolute trajectory error) [cm]."""
-    rpe_cm_per_m: float | None
+    rpe_cm_per_m: float | None = None
     """Root mean square of the drift of position over each metre driven [cm]; None for a shorter path."""
-    rpe_deg_per_m: float | None
+    rpe_deg_per_m: float | None = None
     """Likewise of the drift of rotation [deg]."""
-    rpe_deg_per_quarter_turn: float | None
+    rpe_deg_per_quarter_turn: float | None = None
     """Root mean square of the drift of rotation over each 90 degrees turned [deg]; None for less."""
-    final_position_error_cm: float | None
+    final_position_error_cm: float | None = None
     """Error of the last known position [cm]."""
-    final_heading_error_deg: float | None
+    final_heading_error_deg: float | None = None
     """Error of the heading there [deg]."""
     lost_percent: float
     """Share of the frames whose pose was not known [%]."""
     unmapped_percent: float
     """Share of the frames whose pose was not good enough for the map, the lost ones included [%]."""
-    loops_closed: int = 0
+    loops_closed: int
     """How often earlier keyframes were moved, because a place was seen again."""
 
 
@@ -54,11 +55,9 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
     """The error of a run's trajectory; None where the poses that it believed are the true ones. There is one frame at
     least.
     """
-    lost_percent = 100.0 * float(np.mean([frame.is_lost for frame in frames]))
-    unmapped_percent = 100.0 * float(np.mean([not frame.is_mapped for frame in frames]))
     known = [frame for frame in frames if not frame.is_lost]
     if not known:
-        return TrajectoryError(None, None, None, None, None, None, None, lost_percent, unmapped_percent)
+        return TrajectoryError(**of_all_frames(frames))
     believed = np.array([frame.T_world_camera for frame in known])
     true = np.array([frame.T_true_camera for frame in known])
     if np.array_equal(believed, true):
@@ -80,10 +79,17 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
         rpe_deg_per_quarter_turn=math.degrees(_rms(over_turn[:, 1])) if len(over_turn) else None,
         final_position_error_cm=100.0 * float(error_m[-1]),
         final_heading_error_deg=math.degrees(abs(heading)),
-        lost_percent=lost_percent,
-        unmapped_percent=unmapped_percent,
-        loops_closed=sum(frame.closes_loop for frame in frames),
+        **of_all_frames(frames),
     )
+
+
+def of_all_frames(frames: Sequence[FrameRecord]) -> dict[str, Any]:
+    """The fields of :class:`TrajectoryError` in which frames count whose pose was not known."""
+    return {
+        "lost_percent": 100.0 * float(np.mean([frame.is_lost for frame in frames])),
+        "unmapped_percent": 100.0 * float(np.mean([not frame.is_mapped for frame in frames])),
+        "loops_closed": sum(frame.closes_loop for frame in frames),
+    }
 
 
 def alignment(from_m: Float[np.ndarray, "n 3"], to_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4 4"]:
