@@ -18,24 +18,12 @@ DIFFERENCES = (
 
 
 def difference_table(
-    own: Rows,
-    others: Rows,
-    same: Sequence[str],
-    title: str,
-    text: str,
-    by: str,
-    tested: Collection[str] = (),
+    own: Rows, others: Rows, same: Sequence[str], title: str, text: str, by: str, tested: Collection[str] = ()
 ) -> str:
     """How much larger the numbers of one policy are than those of variants, pair by pair; empty without a pair.
 
-    Args:
-        own: Rows of the policy, with their ``variant``.
-        others: Rows of the variants.
-        same: Columns in which the runs of a pair agree.
-        title: Of the table.
-        text: What is subtracted from what.
-        by: Name of the budget.
-        tested: Variants whose difference is tested.
+    The runs of a pair agree in the columns ``same``. The text says what is subtracted from what, ``by`` is the name of
+    the budget; the difference is tested for the variants ``tested``.
     """
     found = {}
     for name, other in split_by(others, "variant").items():

@@ -77,11 +77,8 @@ MAX_RUNS = limit("ANM_MJ_MAX_RUNS", 10_000)
 
 
 def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
-    """The runs of a file, scene by scene, each once.
-
-    Args:
-        path: The file.
-        more_policies: Policies beside those that each sweep names; sweeps with settings of their own go without.
+    """The runs of a file, scene by scene, each once. ``more_policies`` stand beside those that each sweep names; sweeps
+    with settings of their own go without.
 
     Raises:
         BenchError: The file cannot be read, or asks for something that does not exist.

@@ -38,13 +38,10 @@ class Completion:
 
 
 class Coverage:
-    """Running completion of a true surface by depth frames.
+    """Running completion of a true surface, given by samples in the world [m], by depth frames.
 
-    Args:
-        samples: Samples of the true surface, world [m].
-        observable: Which of them are observable, if known.
-        before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
-        num_threads: Threads to search with; None = as many as usual. The distances do not depend on it.
+    ``observable`` are those that are, if known, ``before_m`` the distance of each to the nearest point of earlier
+    frames [m], if there were any. The distances do not depend on the number of threads, None = as many as usual.
     """
 
     REBUILT = ("_order", "_nearest", "_observable", "_distance_m", "_pending")
@@ -129,14 +126,9 @@ def uncapped_completion_cm(
     clouds: Iterable[Float[np.ndarray, "m 3"]],
     before_m: Float32[np.ndarray, " n"] | None = None,
 ) -> float | None:
-    """Completion without the cap at 1 m, recomputed from all frames [cm]; None without any depth point.
-
-    Args:
-        samples: Samples of the true surface, world [m].
-        distance_m: Their distances below 1 m, infinite elsewhere, as :class:`~anm_mj.evaluation.completion.Coverage`
-            has them.
-        clouds: The depth points of every frame, world [m].
-        before_m: Distances to the depth points of earlier runs [m], where there were any.
+    """Completion without the cap at 1 m, recomputed from the depth points of every frame, world [m]; None without any
+    [cm]. Samples, and their distances below 1 m, infinite elsewhere, are those of :class:`Coverage`, as is
+    ``before_m``.
     """
     far = np.flatnonzero(np.isinf(distance_m))
     full_m = distance_m.copy()

@@ -50,13 +50,9 @@ class CompletionCurve:
         before_m: Float32[np.ndarray, " n"] | None = None,
         num_threads: int | None = None,
     ) -> None:
-        """Start with what was covered before.
-
-        Args:
-            truth: The true surface; None where nobody knows it: there are no rows then.
-            before_m: Distance of each of its samples to the nearest depth point of the runs that this one goes on from
-                [m]; None for a run that began with nothing.
-            num_threads: Threads to search with; None = as many as usual. The rows do not depend on it.
+        """Start with what was covered before: the distance of each sample of the true surface to the nearest depth
+        point of the runs that this one goes on from [m]; None for a run that began with nothing. There are no rows
+        where nobody knows the truth. The rows do not depend on the number of threads, None = as many as usual.
         """
         self.rows: list[CurveRow] = []
         self._coverage = None if truth is None else Coverage(truth.samples, truth.observable, before_m, num_threads)
@@ -84,8 +80,8 @@ class CompletionCurve:
     ) -> CurveRow | None:
         """Add the frame after ``step`` actions, at a pose of the base; returns its row, if it has one.
 
-        Depth [mm], intrinsics and camera as of :meth:`~anm_mj.evaluation.completion.Coverage.add`. ``believed`` is where
-        the robot thought that its base was; None where that was the same, or it did not know.
+        Depth, intrinsics and camera as of :meth:`~anm_mj.evaluation.completion.Coverage.add`. ``believed`` is where the
+        robot thought that its base was; None where that was the same, or it did not know.
         """
         if self._coverage is not None:
             self._coverage.add(depth_mm, intrinsics, T_world_camera)

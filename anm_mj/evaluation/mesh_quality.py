@@ -70,18 +70,11 @@ def mesh_quality(
     chair: tuple[float, float, float] | None = None,
     doors: Sequence[tuple[float, float, float, float]] = (),
 ) -> tuple[MeshQuality, MeshQuality | None]:
-    """Compare a mesh with the true surface. Returns the quality of the whole, and culled to the observed surface; None
-    if nothing was observed. Raises SceneError if the mesh has no area.
+    """Compare a mesh, world [m], with the true surface, of whose samples some were observed. Returns the quality of the
+    whole, and culled to the observed surface; None if nothing was observed. Raises SceneError if the mesh has no area.
 
-    Args:
-        vertices: World [m].
-        faces: Vertex indices.
-        truth: The true surface.
-        covered: Which of its samples the run observed.
-        num_samples: Samples on the mesh.
-        chair: Where the chair stands that was pushed, x [m], y [m], yaw [rad]: it is no part of the true surface, and
-            what the mesh has of it there is not judged; None = there is none.
-        doors: Where the leaves of doors stand, x and y of the hinge [m], yaw [rad], length [m]; likewise.
+    A chair that was pushed (x [m], y [m], yaw [rad]) and leaves of doors (x and y of the hinge [m], yaw [rad], length
+    [m]) are no part of the true surface, and what the mesh has of them where they stand is not judged.
     """
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
     if chair is not None:

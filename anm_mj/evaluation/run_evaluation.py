@@ -59,13 +59,7 @@ def evaluate_run(
     metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
     compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
     camera pose, whatever pose the robot believed. Raises RunFolderError if the folder is no run, or a file in it is
-    damaged.
-
-    Args:
-        path: The run folder.
-        on_progress: Called with done and total rounds while the observable surface is computed.
-        novel_views: Result of :func:`anm_mj.evaluation.novel_views.evaluate_novel_views`.
-        fixed_views: Result of :func:`anm_mj.evaluation.fixed_views.evaluate_fixed_views`.
+    damaged. ``on_progress`` is called with done and total rounds while the observable surface is computed.
     """
     run = read_run(path)
     if not run.frames:

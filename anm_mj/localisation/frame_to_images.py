@@ -130,14 +130,8 @@ def measured(
     basis: Float64[np.ndarray, "6 k"],
     config: GraphConfig,
 ) -> Measured:
-    """Register a frame's points to one image, from a start that is believed as little as its covariance says.
-
-    Args:
-        compared: Compares the points of the later frame with the earlier one.
-        T_start: Where the later camera is sought from.
-        covariance: Of that, by the directions of ``basis``.
-        basis: As of :class:`~.registration.Prior`.
-        config: Steps and kernels.
+    """Register a frame's points to one image, from a start that is believed as little as its covariance says, by the
+    directions of ``basis`` as of :class:`~.registration.Prior`.
     """
     prior = np.linalg.inv(covariance)
     T = np.asarray(T_start, np.float64)

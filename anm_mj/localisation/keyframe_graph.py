@@ -71,13 +71,10 @@ class KeyframeGraph:
         motion: Prior | None,
         headings: Headings | None = None,
     ) -> Correction | None:
-        """Add the frame that was last kept as a key image; returns which poses change by it.
+        """Add the frame that was last kept as a key image, at its estimated pose; returns which poses change by it.
 
-        Args:
-            compared: Compares its points with images.
-            T_world_camera: Its estimated pose.
-            motion: What odometry says of its pose, from that of the keyframe before; None = nothing.
-            headings: What walls say of its heading; None = nothing.
+        ``motion`` is what odometry says of its pose, from that of the keyframe before, ``headings`` what walls say of
+        its heading; None = nothing.
         """
         node = len(self.poses)
         self.poses = np.concatenate((self.poses, T_world_camera[None]))

@@ -75,14 +75,10 @@ def optimised(
     basis: Float64[np.ndarray, "6 k"],
     iterations: int = 10,
 ) -> Float64[np.ndarray, "n 4 4"]:
-    """The poses that the edges ask for.
+    """The poses, camera to world, that the edges ask for, where one at least stays.
 
-    Args:
-        poses: Where the search begins, camera to world.
-        edges: What was measured; those between two fixed poses have no say.
-        fixed: Which poses stay; one at least.
-        basis: Directions of motion of every pose, by displacement and rotation vector in the world.
-        iterations: Most steps.
+    Edges between two fixed poses have no say. ``basis`` are directions of motion of every pose, by displacement and
+    rotation vector in the world.
     """
     poses = poses.copy()
     free = np.flatnonzero(~fixed)

@@ -57,11 +57,8 @@ def believable(
     Buildings have rooms that look alike, and a robot is lost more often than it is carried away: places that odometry
     cannot explain do not compete with the one where odometry has the camera.
 
-    Args:
-        hypotheses: All places where the camera may be.
-        config: What is enough.
-        usual_score: What frames scored while the camera was tracked; NaN = nobody knows.
-        T_expected: Where the camera would be, had it not been lost; None = nobody knows, or it may have been carried.
+    ``usual_score`` is what frames scored while the camera was tracked, NaN = nobody knows; ``T_expected`` where it
+    would be, had it not been lost, None = nobody knows, or it may have been carried.
     """
     near = hypotheses
     if T_expected is not None:

@@ -66,18 +66,12 @@ class Relocaliser:
         """By the camera's height, in steps of ``_HEIGHT_M``."""
 
     def restart(
-        self,
-        T_expected: Float[np.ndarray, "4 4"] | None = None,
-        *,
-        has_odometry: bool = False,
-        followed: bool = False,
+        self, T_expected: Float[np.ndarray, "4 4"] | None = None, *, has_odometry: bool = False, followed: bool = False
     ) -> None:
         """Forget all hypotheses, and the map's distances.
 
-        Args:
-            T_expected: Where the camera would be, had it not been lost; None = nobody knows.
-            has_odometry: Whether odometry tells how it moves on from there; a camera in the hand may go anywhere,
-            followed: unless images show each motion since it was not lost.
+        Where the camera would be, had it not been lost, is known if ``T_expected`` is, and if odometry tells how it
+        moves on from there, or it is ``followed``: images show each motion since it was not lost.
         """
         self.hypotheses = [] if T_expected is None else [Hypothesis(T_expected, expected=True)]
         self._T_expected = T_expected if has_odometry or followed else None
@@ -113,12 +107,8 @@ class Relocaliser:
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
 
-        Args:
-            points: Of the frame.
-            tilts: Camera poses, each with a height and tilt that it may have; one that moves freely may have those that
-                the floor in the frame tells, too.
-            rng: Draws floors.
-            usual_score: As of :func:`~.relocalisation_scores.believable`.
+        The camera may have the heights and tilts of the poses ``tilts``; one that moves freely that which the floor in
+        the frame tells, too. ``usual_score`` as of :func:`~.relocalisation_scores.believable`.
         """
         config = self.config.relocalisation
         is_near = points.camera_m[:, 2] <= config.range_m

@@ -74,9 +74,7 @@ def transition(
 
 
 def carried(
-    T_world_from: Float[np.ndarray, "4 4"],
-    covariance: Float[np.ndarray, "6 6"],
-    T_world_to: Float[np.ndarray, "4 4"],
+    T_world_from: Float[np.ndarray, "4 4"], covariance: Float[np.ndarray, "6 6"], T_world_to: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "6 6"]:
     """Covariance of a pose that stands to another one as if both were rigid, from that one's."""
     onward = transition(T_world_from, T_world_to)

@@ -57,11 +57,8 @@ def wall_directions(
 ) -> list[WallDirection]:
     """Directions of the largest upright planes of an image; none if nothing flat stands upright there.
 
-    Args:
-        depth_m: Planar depth [m]; what is not finite and positive was not measured.
-        intrinsics: The camera's.
-        R_level_camera: From the camera's axes to those whose third one points up.
-        noise_per_m: Standard deviation of inverse depth [1/m].
+    Planar depth that is not finite and positive was not measured [m]; ``noise_per_m`` is the standard deviation of
+    inverse depth [1/m]. ``R_level_camera`` leads from the camera's axes to those whose third one points up.
     """
     noise = max(noise_per_m, _LEAST_NOISE_PER_M)
     squares = _Squares.of(depth_m, intrinsics)

@@ -62,14 +62,10 @@ _REMEMBERED = ("_tours", "_failures", "_expected", "_avoided", "_more_places_m")
 
 
 class TourPlanner:
-    """Plans tours through the samples of a known surface that are not covered yet.
+    """Plans tours for one of ``MEASURES`` through the samples of a known surface that are not covered yet.
 
-    Args:
-        scene: The true scene, with its observable surface.
-        rounds: Annealing rounds of the first tour.
-        start: Pose at the beginning; its yaw is heading 0.
-        measure: What tours are for: one of ``MEASURES``.
-        trajectories: Poses of finished runs from which the search for the first tour also begins.
+    The yaw of the pose at the start is heading 0. The search for the first tour, of so many annealing rounds, also
+    begins from the poses of finished runs.
     """
 
     def __init__(
