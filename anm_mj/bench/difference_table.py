@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from anm_mj.bench.markdown_table import Rows, heading, split_by, table, with_interval
+from anm_mj.bench.markdown_table import DASH, Rows, heading, split_by, table, with_interval
 from anm_mj.bench.statistics import PairedDifference, holm, paired_difference
 
 DIFFERENCES = (
@@ -36,7 +36,7 @@ def difference_table(
     lines = []
     for (name, differences), p_value in zip(found.items(), p_values, strict=True):
         area = differences[0]
-        without = "–" if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
+        without = DASH if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
         cells = [name, str(len(area.by_scene)), str(area.num_pairs), _ahead(area), without]
         cells += [_p_value(p_value)] if tested else []
         for one, (_, _, decimals) in zip(differences, DIFFERENCES, strict=True):
@@ -54,4 +54,4 @@ def _ahead(area: PairedDifference) -> str:
 
 
 def _p_value(p_value: float | None) -> str:
-    return "–" if p_value is None else "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
+    return DASH if p_value is None else "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from anm_mj.bench.job import CONDITIONS, each_setting, variant
-from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table, with_interval
+from anm_mj.bench.markdown_table import DASH, Rows, ended_by, heading, numbers, split_by, table, with_interval
 from anm_mj.bench.run_result import split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK, case, paired_difference
 from anm_mj.sim.reality import IDEAL
@@ -93,7 +93,7 @@ def _line(pairs: list[tuple[dict[str, Any], dict[str, Any] | None]]) -> list[str
         cells += [_mean(known), _mean(shares, interval=True)]
     for column in ("people_contacts", "collisions"):
         counts = numbers(own, column)
-        cells.append(f"{counts.sum():.0f}" if len(counts) else "–")
+        cells.append(f"{counts.sum():.0f}" if len(counts) else DASH)
     cells.append(_mean([(row, row.get("lost_percent")) for row in own]))
     lost = sum(row.get("stop_reason") == StopReason.LOST for row in own)
     cells += [str(lost), str(sum(_is_false_end(row, other) for row, other in pairs))]
@@ -123,7 +123,7 @@ def _mean(values: list[tuple[dict[str, Any], float | None]], *, interval: bool =
     means = np.array([np.mean(found) for found in by_scene.values()])
     if interval:
         return with_interval(means, ".1f")
-    return f"{means.mean():.1f}" if len(means) else "–"
+    return f"{means.mean():.1f}" if len(means) else DASH
 
 
 def localisation_table(rows: Rows, by: str) -> str:

@@ -9,6 +9,8 @@ from jaxtyping import Float
 
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
 
+DASH = "–"
+"""For a number that is not there."""
 Rows = Sequence[dict[str, Any]]
 """Rows of :func:`~anm_mj.bench.results_table.tidy_rows`, or such means of them."""
 
@@ -30,7 +32,7 @@ def numbers(rows: Rows, column: str) -> Float[np.ndarray, " n"]:
 def with_interval(by_scene: Float[np.ndarray, " scenes"], form: str) -> str:
     """Mean over scenes in a format such as ``.1f``, with its 95 % interval where they are enough; a dash for none."""
     if not len(by_scene):
-        return "–"
+        return DASH
     text = format(by_scene.mean(), form)
     if len(by_scene) < LEAST_SCENES:
         return text

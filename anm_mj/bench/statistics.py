@@ -85,10 +85,10 @@ def paired_difference(
     return PairedDifference(means, sum(map(len, per_scene.values())))
 
 
-def bootstrap_interval(values: Float[np.ndarray, " n"], seed: int = 0) -> tuple[float, float]:
+def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Expanded percentile interval of the mean, by resampling two values or more; the same for the same values."""
     count = len(values)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     means = values[rng.integers(count, size=(NUM_RESAMPLES, count))].mean(axis=1)
     # A resample varies less than a sample does, by (n - 1) / n, and the normal distribution less than Student's.
     tail = float(ndtr(-math.sqrt(count / (count - 1)) * stdtrit(count - 1, (1.0 + LEVEL) / 2.0)))

@@ -7,7 +7,7 @@ from anm_mj.bench.best_known import BEST
 from anm_mj.bench.difference_table import difference_table
 from anm_mj.bench.error_tables import PAIRED, POSE_COLUMNS, localisation_table, reality_table
 from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
-from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table
+from anm_mj.bench.markdown_table import DASH, Rows, ended_by, heading, numbers, split_by, table
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK, case
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
@@ -178,9 +178,9 @@ def _bounds(rows: Rows, by: str) -> str:
         for name in BEST:
             best, most = (numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))
             by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
-            cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
+            cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else DASH, f"{by_policy}/{len(here)}"]
         exceeded = numbers(here, "upper_bound_exceeded_points")
-        lines.append([*cells, f"{exceeded.max():.1f}" if len(exceeded) else "–"])
+        lines.append([*cells, f"{exceeded.max():.1f}" if len(exceeded) else DASH])
     headings.append("above the upper bound [points]")
     return "\n\n".join([heading("What is possible", by), text, table(headings, lines)])
 
@@ -204,7 +204,7 @@ def _cell(rows: Rows, column: str, _: str, decimals: int) -> str:
     """Mean, and deviation but of shares, over the runs of a scene that have a number."""
     values = numbers(rows, column)
     if len(values) == 0:
-        return "–"
+        return DASH
     text = f"{values.mean():.{decimals}f}"
     if column != REACHED and len(values) > 1:
         text += f" ± {values.std(ddof=1):.{decimals}f}"
@@ -218,19 +218,10 @@ def _means(rows: Rows, scenes: list[str], names: list[str]) -> str:
     for name in names:
         per_scene = split_by(variants[name], "scene")
         means[name] = [{column: _mean(per_scene[scene], column) for column, _, _ in MEANS} for scene in scenes]
-    used = [
-        column
-        for column in MEANS
-        if any(len(numbers(own, column[0])) >= _least(own, column[0]) for own in means.values())
+    used = [column for column in MEANS if any(_mean_cell(own, *column) != DASH for own in means.values())]
+    lines = [
+        [name, *(_mean_cell(own, *column) for column in used), ended_by(variants[name])] for name, own in means.items()
     ]
-    lines = []
-    for name, own in means.items():
-        cells = [name]
-        for column, _, decimals in used:
-            values = numbers(own, column)
-            count = f" ({len(values)}/{len(own)})" * (len(values) < len(own))
-            cells.append(f"{values.mean():.{decimals}f}{count}" if len(values) >= _least(own, column) else "–")
-        lines.append([*cells, ended_by(variants[name])])
     headings = ["policy", *(text for _, text, _ in used), "ended by"]
     return table(headings, lines, text_columns=(0, len(headings) - 1))
 
@@ -242,6 +233,9 @@ def _mean(rows: Rows, column: str) -> float | None:
     return float(values.mean()) if enough else None
 
 
-def _least(means: Rows, column: str) -> int:
-    """How many scenes must have a number for their mean to say something: all, unless they are counted."""
-    return 1 if column == FEWEST else len(means)
+def _mean_cell(means: Rows, column: str, _: str, decimals: int) -> str:
+    """Mean over scenes; a dash unless all have the number, or those that have it are counted."""
+    values = numbers(means, column)
+    if len(values) < (1 if column == FEWEST else len(means)):
+        return DASH
+    return f"{values.mean():.{decimals}f}" + f" ({len(values)}/{len(means)})" * (len(values) < len(means))

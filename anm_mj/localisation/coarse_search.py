@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 from scipy import ndimage
 
+from anm_mj.frames import pose_matrix
 from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,7 @@ def heading(T_world_camera: Float[np.ndarray, "4 4"]) -> float:
 
 def turned(yaw_rad: float) -> Float[np.ndarray, "4 4"]:
     """The rotation about world z."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    return pose_matrix(Pose2(0.0, 0.0, yaw_rad))
 
 
 def placed(T_level: Float[np.ndarray, "4 4"], x_m: float, y_m: float, yaw_rad: float) -> Float[np.ndarray, "4 4"]:

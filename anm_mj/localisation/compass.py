@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.headings import Headings, turned_rad
 from anm_mj.localisation.localisation_config import CompassConfig
 from anm_mj.localisation.registration import PLANAR, Prior
-from anm_mj.localisation.wall_directions import wall_directions
+from anm_mj.localisation.wall_directions import Headings, turned_rad, wall_directions
 from anm_mj.types import Observation
 
 _RESIDUALS = 60

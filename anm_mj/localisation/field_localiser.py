@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -15,7 +14,6 @@ from anm_mj.errors import MapError
 from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
-from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
@@ -34,6 +32,7 @@ from anm_mj.localisation.registration_starts import is_jump, registered
 from anm_mj.localisation.relocaliser import Relocaliser
 from anm_mj.localisation.training_pace import TrainingPace
 from anm_mj.localisation.verdict import FitHistory, Verdict, judged
+from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2
 
@@ -339,12 +338,10 @@ class FieldLocaliser:
         before = T_world_camera if self._T_world_camera is None or relocalised else self._T_world_camera
         self._motion.move(np.linalg.inv(before) @ T_world_camera, observation.T_world_camera)
         self._T_world_camera = T_world_camera
-        quality = RegistrationQuality(0.0, 0.0, math.nan, 0, self._basis.shape[1])
-        if found is not None:
-            quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
+        fit = (0.0, 0.0, 0) if found is None else (found.known, found.inliers, found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base.pose(observation, T_world_camera))
         position_m, rotation_rad = self._deviations
         told = replace(placed, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
         covariance = self._basis @ self._covariance @ self._basis.T + self._key_images.map_covariance(T_world_camera)
         usable = usable and self._state is TrackingState.TRACKING
-        return PoseEstimate(told, covariance, quality, self._state, usable, relocalised)
+        return PoseEstimate(told, covariance, RegistrationQuality(*fit), self._state, usable, relocalised)

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from anm_mj.localisation.frame_to_images import FrameToImages, measured
-from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.key_images import KeyImage, KeyImages
 from anm_mj.localisation.localisation_config import GraphConfig
 from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised
 from anm_mj.localisation.registration import Prior
 from anm_mj.localisation.se3 import moved_camera
+from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 
 _TRIAL_ITERATIONS = 2

@@ -36,12 +36,8 @@ class RegistrationQuality:
     """Share of the frame's points that show surface which the map knows, in [0, 1]."""
     inliers: float
     """Share of the known points that fit, in [0, 1]; points off by two standard deviations count a quarter."""
-    rmse_m: float
-    """Root of the mean squared distance of those points to the surface, weighted as they fit [m]; NaN without any."""
     bound: int
-    """Directions of motion, of ``dof``, along which the frame tells more than the prior."""
-    dof: int
-    """Degrees of freedom: 3 for a base on the floor, 6 for a free camera."""
+    """Directions of motion along which the frame tells more than the prior."""
 
 
 def largest_deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:

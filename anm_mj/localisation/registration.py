@@ -13,12 +13,12 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.se3 import camera_motion, moved_camera
-from anm_mj.mapping.alignment import FramePoints, NormalEquations
+from anm_mj.localisation.wall_directions import Headings
+from anm_mj.mapping.alignment import FramePoints
 
 
 class Sums(NamedTuple):
@@ -128,11 +128,8 @@ class Registration:
     """Mean robust weight of these."""
     colors: float
     """Mean robust weight of their colours; 1 without colours."""
-    rmse_m: float
-    """Root of the weighted mean squared distance [m]; NaN without points."""
     bound: int
     """Directions along which the frame tells more than the prior."""
-    iterations: int
     cost: float
     """Minus twice the logarithm of the likelihood, up to a constant of the frame."""
     fits: tuple[Fit, ...]
@@ -155,26 +152,9 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
     information = np.linalg.inv(prior.covariance)
     T = prior.T_world_camera if start is None else start
     trusted = points
-    hessian = np.zeros_like(information)
 
     def fit(cost: float, num_points: float, among: int) -> Fit:
         return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, among))
-
-    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
-        settings = config.settings(share)
-        found = problem.probe.align(trusted, T, settings)
-        full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
-        fits = [fit(found.facts[0, 0], found.facts[0, 2], len(points))]
-        if extra is not None:
-            more = extra(T, settings.kernel, share < 1.0)
-            full, slope = full + more.hessian, slope + more.gradient
-            fits.append(fit(more.cost, more.num_points, len(extra)))
-        full, slope = config.information * full, config.information * slope
-        if prior.headings is not None:
-            headings = prior.headings.sums(T, share)
-            full[5, 5] += headings.information
-            slope[5] += headings.slope
-        return found, basis.T @ full @ basis, basis.T @ slope, fits
 
     # While the kernel is wide, fewer points find the place.
     all_points, all_extra = points, extra
@@ -189,7 +169,20 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
             known = problem.probe.known(world_m)
             trusted = replace(points, trust=points.trust * known.astype(np.float32))
         share = min(1.0, iteration / config.shrink_iterations) if config.shrink_iterations else 1.0
-        equations, hessian, gradient, fits = sums(T, share)
+        settings = config.settings(share)
+        equations = problem.probe.align(trusted, T, settings)
+        full, slope = equations.hessian.sum(axis=0), equations.gradient.sum(axis=0)
+        fits = [fit(equations.facts[0, 0], equations.facts[0, 2], len(points))]
+        if extra is not None:
+            more = extra(T, settings.kernel, share < 1.0)
+            full, slope = full + more.hessian, slope + more.gradient
+            fits.append(fit(more.cost, more.num_points, len(extra)))
+        full, slope = config.information * full, config.information * slope
+        if prior.headings is not None:
+            headings = prior.headings.sums(T, share)
+            full[5, 5] += headings.information
+            slope[5] += headings.slope
+        hessian, gradient = basis.T @ full @ basis, basis.T @ slope
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
         if iteration >= config.iterations:
             break
@@ -200,13 +193,9 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         T = moved_camera(T, step)
         iteration += 1
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
-    distance = equations.distance_m[np.isfinite(equations.distance_m)]
-    cut = 2.0 * config.field_deviation_m
-    close = distance[np.abs(distance) < 3 * cut]
-    rmse = float(np.sqrt(np.mean(close**2))) if len(close) else float("nan")
     prior_cost = float(offset @ information @ offset)
     heading_cost = 0.0 if prior.headings is None else prior.headings.sums(T).cost
-    worst = config.settings(share).kernel ** 2
+    worst = settings.kernel**2
     shared = sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
     of_points = config.information * len(points) * shared
     root = np.linalg.cholesky(prior.covariance)
@@ -217,9 +206,7 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         float(np.count_nonzero(trusted.trust)) / max(1, len(points)),
         weight / count if count else 0.0,
         float(equations.facts[1, 1]) / weight if weight and config.color_deviation else 1.0,
-        rmse,
         int(np.count_nonzero(gain > 1.0)),
-        iteration,
         of_points + prior_cost + heading_cost,
         tuple(fits),
         prior_cost,
