@@ -13,8 +13,7 @@ from jaxtyping import Float
 from anm_mj.errors import MapError
 from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.frame_points import draw_points, without_moved
-from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
-from anm_mj.localisation.image_odometry import ImageOdometry
+from anm_mj.localisation.frame_to_images import FrameToImages, ImageOdometry, compared_with
 from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig

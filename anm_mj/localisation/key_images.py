@@ -177,7 +177,7 @@ class KeyImages:
         ``slack_m`` is by how far the pose may be off [m]: near a wall that is a large share of the depth.
         """
         config = self.config
-        near = [self.images[k] for k in self._near(T_world_camera)]
+        near = self._near(T_world_camera)
         late = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
         early = near[:_MOST_TRIED] if config.num_images > 1 else []
         share = _shares_in([*early, *late], points, T_world_camera, slack_m)
@@ -195,7 +195,7 @@ class KeyImages:
         last frame is none: its covariance holds that of the map already, which would be added again with every frame.
         """
         kept = [image for image in images if image is not self._last]
-        kept = kept or [self.images[k] for k in self._near(T_world_camera)]
+        kept = kept or self._near(T_world_camera)
         if kept:
             self._reference = kept[0].T_world_camera, kept[0].covariance
 
@@ -208,17 +208,17 @@ class KeyImages:
 
     def shares(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[tuple[float, KeyImage]]:
         """Which share of a frame's points each image shows, of those that were taken near enough."""
-        near = [self.images[k] for k in self._near(T_world_camera)]
+        near = self._near(T_world_camera)
         return list(zip(_shares_in(near, points, T_world_camera), near, strict=True))
 
-    def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[int]:
+    def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
         """Images that were taken near a camera, in a like direction, the oldest first."""
         if not self.images:
             return []
         poses = np.stack([image.T_world_camera for image in self.images])
         apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
         alike = poses[:, :3, 2] @ T_world_camera[:3, 2] >= self.config.least_cosine
-        return np.flatnonzero((apart <= self.config.most_apart_m) & alike).tolist()
+        return [self.images[k] for k in np.flatnonzero((apart <= self.config.most_apart_m) & alike).tolist()]
 
     def equations(
         self,

@@ -94,8 +94,6 @@ def displacement_search(
         return None
     few = extra.subsample(config.retry_points)
     free = np.flatnonzero(np.any(prior.basis[:3] != 0.0, axis=0))
-    if not len(free):
-        return None
     bound = prior.basis[:, free].T @ few(T_world_camera, config.kernel, False).hessian @ prior.basis[:, free]
     direction = np.zeros(len(prior.covariance))
     direction[free] = np.linalg.eigh(bound)[1][:, 0]
@@ -105,22 +103,19 @@ def displacement_search(
         return None
     information = np.linalg.inv(prior.covariance)
     begin = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
-    costs: list[float] = []
-    counts: list[float] = []
     count = min(math.ceil(6.0 * deviation / least), _MOST_STEPS)
-    steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1)
-    for step in steps.tolist():
-        sums = few(moved_camera(T_world_camera, prior.basis @ (step * direction)), config.kernel, False)
-        offset = begin + step * direction
-        by_images = config.information * len(extra) * _mean_cost(extra, sums)
-        costs.append(by_images + float(offset @ information @ offset))
-        counts.append(sums.num_points)
+    steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1).tolist()
+    places = [moved_camera(T_world_camera, prior.basis @ (step * direction)) for step in steps]
+    tried = [few(place, config.kernel, False) for place in places]
+    offsets = [begin + step * direction for step in steps]
+    away = [float(offset @ information @ offset) for offset in offsets]
+    costs = [
+        config.information * len(extra) * _mean_cost(extra, sums) + far for sums, far in zip(tried, away, strict=True)
+    ]
     # What slides out of view costs nothing, and says nothing.
-    seen = np.array(counts) >= max(1.0, 0.5 * max(counts))
-    if not seen.any():
-        return None
-    best = int(np.argmin(np.where(seen, costs, np.inf)))
-    return moved_camera(T_world_camera, prior.basis @ (float(steps[best]) * direction))
+    counts = np.array([sums.num_points for sums in tried])
+    seen = counts >= max(1.0, 0.5 * counts.max())
+    return places[int(np.argmin(np.where(seen, costs, np.inf)))] if seen.any() else None
 
 
 def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:

@@ -8,7 +8,7 @@ from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.registration import Prior, Registration
 from anm_mj.localisation.registration_starts import is_jump
-from anm_mj.localisation.relocalisation_scores import frame_score
+from anm_mj.localisation.relocaliser import frame_score
 from anm_mj.mapping.alignment import FramePoints
 
 _FRAMES = 20
@@ -61,7 +61,7 @@ def judged(
     config: LocalisationConfig,
     least_score: float,
 ) -> tuple[Verdict, float]:
-    """The verdict on a frame, and its score in [0, 1], by :func:`~.relocalisation_scores.frame_score`. One that scores
+    """The verdict on a frame, and its score in [0, 1], by :func:`~.relocaliser.frame_score`. One that scores
     less than ``least_score`` contradicts the map, too.
     """
     fits, tracking = probe.agreement(points, found.T_world_camera), config.tracking
