@@ -109,9 +109,8 @@ def displacement_search(
     tried = [few(place, config.kernel, False) for place in places]
     offsets = [begin + step * direction for step in steps]
     away = [float(offset @ information @ offset) for offset in offsets]
-    costs = [
-        config.information * len(extra) * _mean_cost(extra, sums) + far for sums, far in zip(tried, away, strict=True)
-    ]
+    scale = config.information * len(extra)
+    costs = [scale * _mean_cost(extra, sums) + far for sums, far in zip(tried, away, strict=True)]
     # What slides out of view costs nothing, and says nothing.
     counts = np.array([sums.num_points for sums in tried])
     seen = counts >= max(1.0, 0.5 * counts.max())
