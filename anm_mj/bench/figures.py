@@ -15,7 +15,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from anm_mj.bench.best_known import situation
+from anm_mj.bench.results_table import situation
 from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, compared, drawn_variants
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
 from anm_mj.scene.folder import Scene

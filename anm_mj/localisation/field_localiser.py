@@ -13,7 +13,8 @@ from jaxtyping import Float
 from anm_mj.errors import MapError
 from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.frame_points import draw_points, without_moved
-from anm_mj.localisation.frame_to_images import FrameToImages, ImageOdometry, compared_with
+from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
+from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
@@ -29,8 +30,7 @@ from anm_mj.localisation.motion import MotionModel
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import is_jump, registered
 from anm_mj.localisation.relocaliser import Relocaliser
-from anm_mj.localisation.training_pace import TrainingPace
-from anm_mj.localisation.verdict import FitHistory, Verdict, judged
+from anm_mj.localisation.tracking import FitHistory, TrainingPace, Verdict, judged
 from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2

@@ -1,31 +1,25 @@
 """A frame compared with earlier ones: what it adds to the normal equations of its registration, and where one of them
-alone puts it, which is what a pose graph is made of. The motion from the last frame by images alone holds where a frame
-contradicts the map, or shows what the map knows nothing of.
+alone puts it, which is what a pose graph is made of.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 from scipy import ndimage
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import COARSE, KeyImage, KeyImages, gray_values
+from anm_mj.localisation.key_images import COARSE, KeyImage, KeyImages, Sums, gray_values
 from anm_mj.localisation.localisation_config import GraphConfig, LocalisationConfig
-from anm_mj.localisation.registration import Prior, Sums
-from anm_mj.localisation.registration_starts import rotation_search
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
 
-_DOUBT = 3.0
-"""A motion in doubt has so many times its standard deviation."""
-
 
 class FrameToImages:
-    """Compares points of a frame with some images; implements :class:`~.registration.Extra`."""
+    """Compares points of a frame with some images."""
 
     def __init__(
         self,
@@ -58,7 +52,9 @@ class FrameToImages:
         return len(self._images)
 
     def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
-        """Sums over the points and images at a pose."""
+        """Sums over the points and images at a pose, with a width of the kernel in standard deviations; ``coarse`` ones
+        lead there from farther away.
+        """
         gray, share = self._coarse_gray if coarse else self._gray, self._depth_share
         return self._kept.equations(
             self._images, self.points, T_world_camera, self._noise_per_m, kernel, gray, coarse=coarse, depth_share=share
@@ -152,38 +148,3 @@ def measured(
     # Geman and McClure's cost saturates: what it lacks of the worst is how well the points fit.
     fit = 1.0 - sums.cost / (sums.num_points * config.kernel**2) if sums.num_points else 0.0
     return Measured(T, config.information * sums.hessian, sums.num_points / max(1, len(compared)), fit)
-
-
-class ImageOdometry:
-    """Follows a camera from frame to frame."""
-
-    def __init__(self, config: LocalisationConfig) -> None:
-        """Before any frame."""
-        self._config = config
-        self._last: KeyImage | None = None
-
-    def see(self, image: KeyImage | None) -> None:
-        """Take a frame at its estimated pose as what the next one follows; None = it shows nothing."""
-        self._last = image
-
-    def follow(self, compared: FrameToImages, prior: Prior, *, doubtful: bool) -> Prior | None:
-        """The prior of a frame with the motion that its image and the last one show in place of the expected one, which
-        may be farther off than its covariance says where it is ``doubtful``. None where the images show too little of
-        each other, or do not fit.
-        """
-        if self._last is None or prior.motion_covariance is None:
-            return None
-        graph, basis = self._config.graph, prior.basis
-        alone = compared.against(self._last)
-        scale = _DOUBT**2 if doubtful else 1.0
-        motion = replace(prior, covariance=scale * prior.motion_covariance, headings=None)
-        start = rotation_search(motion, alone, self._config.registration)
-        found = measured(alone, start, motion.covariance, basis, graph)
-        if found.overlap < graph.least_overlap or found.fit < graph.least_fit:
-            return None
-        information = basis.T @ found.information @ basis + np.linalg.inv(motion.covariance)
-        covariance = np.linalg.inv(information)
-        before = prior.covariance - prior.motion_covariance
-        return replace(
-            prior, T_world_camera=found.T_world_camera, covariance=before + covariance, motion_covariance=covariance
-        )

@@ -8,6 +8,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float16, Float32, Float64, UInt8
@@ -15,7 +16,6 @@ from scipy import ndimage
 
 from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
-from anm_mj.localisation.registration import Sums
 from anm_mj.localisation.se3 import carried
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import View
@@ -39,6 +39,19 @@ _NEARNESS = 0.05
 _MOST_SCALE = 2.0
 """What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+class Sums(NamedTuple):
+    """Normal equations of a frame's points, and what they come from."""
+
+    hessian: Float64[np.ndarray, "6 6"]
+    gradient: Float64[np.ndarray, "6"]
+    cost: float
+    """Robust cost, in squared standard deviations."""
+    num_points: float
+    """Points that took part; the others cost as much as the worst of outliers."""
+    mean_gray_cost: float
+    """Of a point's grey value, in squared standard deviations."""
 
 
 @dataclass

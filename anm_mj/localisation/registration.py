@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float64
 
+from anm_mj.localisation.frame_to_images import FrameToImages
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.localiser import largest_deviations
 from anm_mj.localisation.map_probe import MapProbe
@@ -20,18 +21,12 @@ from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 
-
-class Sums(NamedTuple):
-    """Normal equations of a frame's points, and what they come from."""
-
-    hessian: Float64[np.ndarray, "6 6"]
-    gradient: Float64[np.ndarray, "6"]
-    cost: float
-    """Robust cost, in squared standard deviations."""
-    num_points: float
-    """Points that took part; the others cost as much as the worst of outliers."""
-    mean_gray_cost: float
-    """Of a point's grey value, in squared standard deviations."""
+_COARSE_STEP = 3
+"""Of so many points one is registered at first."""
+PLANAR = np.eye(6)[:, [0, 1, 5]]
+"""Directions of motion of a base on the floor: along world x and y, and about z."""
+FREE = np.eye(6)
+"""Those of a camera in the hand."""
 
 
 class Fit(NamedTuple):
@@ -41,43 +36,6 @@ class Fit(NamedTuple):
     """In squared standard deviations."""
     share: float
     """Of these points among all."""
-
-
-@runtime_checkable
-class Extra(Protocol):
-    """What else a frame is compared with."""
-
-    def __len__(self) -> int:
-        """Points that are compared."""
-        ...
-
-    @property
-    def has_gray(self) -> bool:
-        """Whether grey values are compared, too."""
-        ...
-
-    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
-        """Sums over these points at a pose, with a width of the kernel in standard deviations.
-
-        ``coarse`` sums lead there from farther away.
-        """
-        ...
-
-    def every(self, step: int) -> Extra:
-        """The same of each ``step``-th of its points."""
-        ...
-
-    def subsample(self, num_points: int) -> Extra:
-        """The same of about so many points, compared with one frame alone."""
-        ...
-
-
-_COARSE_STEP = 3
-"""Of so many points one is registered at first."""
-PLANAR = np.eye(6)[:, [0, 1, 5]]
-"""Directions of motion of a base on the floor: along world x and y, and about z."""
-FREE = np.eye(6)
-"""Those of a camera in the hand."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +69,7 @@ class RegistrationProblem:
     probe: MapProbe
     """The map."""
     config: RegistrationConfig
-    extra: Extra | None = None
+    extra: FrameToImages | None = None
     """What else adds to the normal equations."""
 
 

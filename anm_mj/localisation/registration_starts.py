@@ -10,8 +10,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.key_images import Sums
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import Extra, Prior, Registration, RegistrationProblem, Sums, register
+from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
@@ -35,7 +37,7 @@ def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.ran
     return found
 
 
-def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
+def rotation_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
     """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
 
     A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
@@ -73,7 +75,7 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
     return moved_camera(prior.T_world_camera, prior.basis @ best)
 
 
-def _mean_cost(extra: Extra, sums: Sums) -> float:
+def _mean_cost(extra: FrameToImages, sums: Sums) -> float:
     """Of a point, by its grey value where there is one."""
     return sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.localisation.frame_to_images import ImageOdometry, compared_with
+from anm_mj.localisation.frame_to_images import compared_with
+from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImages, key_image
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.motion import MotionModel

@@ -1,15 +1,18 @@
-"""Whether a frame fits the map where it was registered: one that fits less well than usual may be in a wrong place."""
+"""Tracking: whether a frame fits the map where it was registered, and how much is trained on it. One that fits less
+well than usual may be in a wrong place.
+"""
 
 import math
 import statistics
 from enum import Enum
 
-from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig, TrackingConfig
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.registration import Prior, Registration
 from anm_mj.localisation.registration_starts import is_jump
 from anm_mj.localisation.relocaliser import frame_score
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.types import TrainingEffort
 
 _FRAMES = 20
 """So many frames say what is usual,"""
@@ -75,3 +78,28 @@ def judged(
     if is_jump(prior, found, config.registration):
         return Verdict.JUMPS, score
     return (Verdict.UNKNOWN if found.known < tracking.least_known else Verdict.FITS), score
+
+
+class TrainingPace:
+    """The first frames decide all later drift: they are trained on longer.
+
+    Frames that show much that the map does not know yet become keyframes sooner, or the next frame would be registered
+    to what only one batch has shown.
+    """
+
+    def __init__(self, config: TrackingConfig) -> None:
+        """Before the first frame."""
+        self._config = config
+        self._num_mapped = 0
+        self._since_keyframe = 0
+
+    def next(self, known: float) -> TrainingEffort:
+        """The effort for the next frame that is mapped, by the share of its points that the map knows."""
+        config = self._config
+        self._num_mapped += 1
+        fresh = self._num_mapped <= config.young_frames or known < config.familiar
+        self._since_keyframe += 1
+        is_keyframe = self._since_keyframe >= (config.fresh_keyframe_every if fresh else config.keyframe_every)
+        if is_keyframe:
+            self._since_keyframe = 0
+        return TrainingEffort(config.young_iterations if fresh else config.iterations, config.current_rays, is_keyframe)
