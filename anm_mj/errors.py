@@ -45,5 +45,9 @@ class RunFolderError(AnmError):
     """A run folder or a recorded sequence cannot be written or read."""
 
 
+class BenchError(AnmError):
+    """A comparison cannot be made from its file, or its folder cannot be used."""
+
+
 class CheckpointError(AnmError):
     """A run cannot be continued: it has no checkpoint, a damaged one, or state that cannot be stored."""

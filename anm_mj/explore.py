@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from anm_mj import loop_stages as stages
 from anm_mj.errors import PlanError
 from anm_mj.events import Decided, Ended, Event, Located, Observed, Observer, Stepped
-from anm_mj.localisation.localiser import Localiser
-from anm_mj.localisation.look_around import look_around
+from anm_mj.localisation.localiser import Localiser, look_around
 from anm_mj.loop_state import LoopState
 from anm_mj.protocols import Mapper, Policy, Robot
 from anm_mj.types import Action, StopReason

@@ -17,7 +17,7 @@ from anm_mj.checkpoint.going_on import lay_over, say_other_engine
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
-from anm_mj.evaluation.reference_trajectory import reference_error
+from anm_mj.evaluation.trajectory_error import reference_error
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.manifest import RunFacts, manifest

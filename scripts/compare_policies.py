@@ -13,8 +13,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from anm_mj.bench.read_result import read_results
-from anm_mj.bench.run_result import OBSERVABLE, Result
+from anm_mj.bench.run_result import OBSERVABLE, Result, read_results
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 

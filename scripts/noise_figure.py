@@ -18,9 +18,8 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from anm_mj.bench.line_styles import style
-from anm_mj.bench.read_result import read_results
-from anm_mj.bench.run_result import OBSERVABLE, Result
+from anm_mj.bench.figures import style
+from anm_mj.bench.run_result import OBSERVABLE, Result, read_results
 from anm_mj.errors import AnmError
 from anm_mj.viz.figure_file import save_figure
 

@@ -20,7 +20,7 @@ from tests.box_room import observe
 @pytest.mark.parametrize("usable", [True, False])
 def test_a_policy_hears_of_what_enters_the_map(usable):
     seen = observe(0, Pose2(0.0, 0.0, 0.0))
-    quality = RegistrationQuality(1.0, 1.0, 0.0, 3, 3)
+    quality = RegistrationQuality(1.0, 1.0, 3)
     estimate = PoseEstimate(seen, np.eye(6), quality, TrackingState.TRACKING, usable)
     localiser = Mock(spec=Localiser, integrate=Mock(return_value=MapUpdate(0.0, 1, 1)))
     policy = Mock(spec=Policy)

@@ -12,20 +12,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from anm_mj.bench.bench_error import BenchError
-from anm_mj.bench.curve_figure import draw_curves
 from anm_mj.bench.executor import UNFINISHED, run_jobs
+from anm_mj.bench.figures import draw_curves, draw_overview, draw_scene
 from anm_mj.bench.job import Job
 from anm_mj.bench.oracle_run import turn_of
-from anm_mj.bench.overview_figure import draw_overview
-from anm_mj.bench.read_result import finished, read_result, revision_text
 from anm_mj.bench.report_page import CARD, data_card, write_page
 from anm_mj.bench.results_table import tidy_rows, write_csv
-from anm_mj.bench.run_result import Result, by_budget
-from anm_mj.bench.scene_figure import draw_scene
+from anm_mj.bench.run_result import Result, by_budget, finished, read_result, revision_text
 from anm_mj.bench.sweep import read_jobs
 from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import EXPLORE
+from anm_mj.errors import BenchError
 from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
 from anm_mj.scene.folder import load_scene

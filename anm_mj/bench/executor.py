@@ -19,8 +19,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.job import Job
+from anm_mj.errors import BenchError
 
 EXECUTORS = ("local", "ray")
 _logger = logging.getLogger(__name__)

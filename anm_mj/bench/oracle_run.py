@@ -8,7 +8,7 @@ from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import PLATFORM, Job
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
-from anm_mj.evaluation.oracle.tour_measure import MEASURES
+from anm_mj.evaluation.oracle.tour_annealing import MEASURES
 from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.io.read_run import read_json
 from anm_mj.planning.policies.registry import needs_truth

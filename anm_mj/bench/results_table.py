@@ -1,18 +1,31 @@
-"""The results table of a comparison: a row per run and budget, a column per fact."""
+"""The results table of a comparison: a row per run and budget, a column per fact.
+
+Among them the best that is known to be possible, and an estimate of what is impossible, from each start. The oracle's
+tours are good, not optimal. What counts as possible is therefore the best of all runs from the same start with the same
+robot: no row beats it. :mod:`anm_mj.evaluation.oracle.upper_bound` estimates what no tour can exceed, so that the
+optimum lies between the two. Both are known where an oracle has run.
+"""
 
 import csv
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from anm_mj.bench.best_known import BEST, LEVELS, best_known, situation
-from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result
+from anm_mj.bench.job import PLATFORM
+from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, split_settings
 from anm_mj.bench.statistics import restricted_steps
 from anm_mj.io.to_json import to_json
+from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.utils.files import atomic_write
+
+LEVELS = (90, 95, 99)
+"""Levels of the observable completion ratio; the table has the steps to each [%]."""
+BEST = ("auc", "final")
+"""Measures that are bounded from both sides: area under the curve and final value of the observable ratio [%]."""
 
 
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
@@ -58,6 +71,49 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
         rows.append(row)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     return [{column: row.get(column) for column in columns} for row in rows]
+
+
+def situation(result: Result) -> tuple[Any, ...]:
+    """What runs must share to be compared with one another's tours: all but what only concerns the map."""
+    job = result.job
+    robot, _ = split_settings(" ".join(job.settings))
+    return job.scene_name, job.start, result.budget, *(getattr(job, key) for key in PLATFORM), *robot
+
+
+def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, Any]]:
+    """Bounds of every situation in which an oracle has run.
+
+    Returns:
+        By :func:`situation`: ``auc`` and ``final``, the best of any run [%]; ``bound_auc`` and ``bound_final``, the
+        upper bound [%]; ``bound_exceeded``, the most by which a run is above it at some step [points]; ``auc_by`` and
+        ``final_by``, the variants of the best; and ``steps_to_90`` and so on, the fewest of any run, NaN where none
+        gets there.
+    """
+    groups: dict[tuple[Any, ...], list[Result]] = {}
+    for result in results:
+        groups.setdefault(situation(result), []).append(result)
+    return {key: _best(group) for key, group in groups.items() if any(needs_truth(r.job.policy) for r in group)}
+
+
+def _best(group: Sequence[Result]) -> dict[str, Any]:
+    auc = max(group, key=lambda result: result.area_under_curve(OBSERVABLE))
+    final = max(group, key=lambda result: result.curve[-1, OBSERVABLE])
+    best: dict[str, Any] = {"auc": auc.area_under_curve(OBSERVABLE), "final": float(final.curve[-1, OBSERVABLE])}
+    best |= {"auc_by": auc.variant, "final_by": final.variant}
+    for level in LEVELS:
+        reached = [steps for result in group if np.isfinite(steps := result.steps_to(level))]
+        # A level that the first view reaches takes no steps.
+        best[f"steps_to_{level}"] = max(min(reached), 1.0) if reached else math.nan
+    bounds = [bound for result in group if (bound := result.upper_bound()) is not None]
+    if bounds:
+        budget = group[0].budget
+        steps, most = bounds[0].T
+        over = [(run.curve[:, OBSERVABLE] - np.interp(run.curve[:, 0], steps, most)).max() for run in group]
+        best["bound_exceeded"] = max(0.0, float(max(over)))
+        # The estimate sees a sample of poses and of the surface; where a run saw more, it is what the run saw.
+        best["bound_auc"] = max(float(np.trapezoid(most, steps) / budget), best["auc"])
+        best["bound_final"] = max(float(most[-1]), best["final"])
+    return best
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:

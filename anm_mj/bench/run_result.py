@@ -1,30 +1,35 @@
-"""A finished run of a comparison, whole or cut at a shorter budget."""
+"""A finished run of a comparison, whole or cut at a shorter budget; anybody may have written it, so it is checked."""
 
 from __future__ import annotations
 
 import functools
+import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from msgspec import Struct
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
-from anm_mj.bench.bench_error import BenchError
+from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job, each_setting
 from anm_mj.bench.worker import BOUND
 from anm_mj.config import RunConfig
-from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.metrics import COUNTS, EpisodeStatistics
-from anm_mj.io.curve_file import COMPLETION_COLUMNS
+from anm_mj.errors import BenchError, RunFolderError
+from anm_mj.evaluation.metrics import COUNTS, EpisodeStatistics, Metrics
+from anm_mj.io.curve_file import COMPLETION_COLUMNS, read_curve
 from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.types import FORWARD_STEP_M, Action
 from anm_mj.utils.read_file import convert, read_text
+from anm_mj.utils.settings import of_type
 
 COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
@@ -32,6 +37,12 @@ MOST_MISSING = 0.1
 """A variant is drawn that lacks at most this share of all starts, or one: a run or two may have failed."""
 OF_THE_ROBOT = ("model.", "sensor.")
 """What the names of settings of the robot's body and sensors begin with."""
+UNKNOWN_REVISION = "unknown"
+_METRICS = {field.name for field in fields(Metrics)}
+_PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")
+_ANY_SIGN = ("_db", "_ssim")
+_ROUNDING = 1e-3
+"""Numbers of two files agree to this, as a share of them or of 1."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +93,13 @@ class Result:
 
     def trajectory_xy_m(self) -> Float[np.ndarray, "n 2"]:
         """Where the robot was, from its start on [m]. Raises BenchError if the log of its steps is damaged."""
-        with reading(self.folder):
+        with _reading(self.folder):
             places = [convert(line, _Place) for line in read_jsonl(self.folder / "steps.jsonl")[: self.budget]]
         return np.array([self.job.start_pose[:2], *((place.x_m, place.y_m) for place in places)])
 
     def decisions_ms(self) -> list[float]:
         """How long each decision took [ms]. Raises BenchError if the log of decisions is damaged."""
-        with reading(self.folder):
+        with _reading(self.folder):
             decisions = [convert(line, _Decision) for line in read_jsonl(self.folder / "plans.jsonl")]
         return [sum(decision.ms.values()) for decision in decisions if decision.ms]
 
@@ -99,7 +110,7 @@ class Result:
         path = self.folder / BOUND
         if not path.exists():
             return None
-        with reading(self.folder):
+        with _reading(self.folder):
             table = np.loadtxt(read_text(path).splitlines(), delimiter=",", skiprows=1, ndmin=2)
             if table.shape[1:] != (2,) or not len(table) or not np.isfinite(table).all():
                 raise ValueError(f"{path.name} has no two columns of numbers")
@@ -117,7 +128,7 @@ class Result:
             return replace(self, job=job, budget_by=name)
         curve = self.curve[self.curve[:, 0] <= steps]
         log = EpisodeStatistics()
-        with reading(self.folder):
+        with _reading(self.folder):
             for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
                 done = convert(line, _Done)
                 log = log.after(Action[done.action], done.collided, done.moved_m, {})
@@ -150,13 +161,87 @@ class _Place(Struct):
     y_m: Number
 
 
+class _Git(Struct):
+    revision: Annotated[str, Meta(pattern=r"^\w*$")] | None = None
+    changed: bool = False
+
+
+class _MadeBy(Struct):
+    """What a manifest says of the program."""
+
+    git: _Git | None = None
+
+
 @contextmanager
-def reading(folder: Path) -> Iterator[None]:
+def _reading(folder: Path) -> Iterator[None]:
     """Name the run whose files cannot be read. Raises BenchError if the block raised an error of reading."""
     try:
         yield
     except (RunFolderError, OSError, ValueError, LookupError, TypeError) as err:
         raise BenchError(f"The run {folder} is damaged ({err}); delete it, and give the command again.") from err
+
+
+def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
+    """The jobs whose runs exist."""
+    return [job for job in jobs if (runs / job.name / RESULT).is_file()]
+
+
+def read_results(comparison: Path) -> list[Result]:
+    """All finished runs of a comparison's folder, whichever there are. Raises BenchError if a run is damaged."""
+    return [read_result(path.parent) for path in sorted(comparison.glob(f"runs/*/{RESULT}"))]
+
+
+def read_result(folder: Path, of: Job | None = None) -> Result:
+    """A finished run of a comparison. Raises BenchError if a file is damaged, or is of another run than ``of``."""
+    manifest = folder / "manifest.json"
+    with _reading(folder):
+        facts, metrics = read_json(folder / RESULT), read_json(folder / "metrics.json")
+        job = convert(facts, Job)
+        # Tables are written in UTF-8, which has no place for a half of a surrogate pair.
+        json.dumps([facts, metrics], ensure_ascii=False).encode()
+        for key, own in {} if of is None else of.facts.items():
+            if job.facts[key] != own:
+                raise ValueError(f"{RESULT} says {key} = {job.facts[key]!r}, but the folder's run has {own!r}")
+        for name in filter(_METRICS.__contains__, metrics):
+            of_type(Metrics, name, metrics[name])
+        curve = _read_curve(folder / "curve.csv")
+        _check_agreement(job, metrics, curve)
+        made_by = convert(read_json(manifest) if manifest.is_file() else {}, _MadeBy)
+    revision = revision_text(None if made_by.git is None else asdict(made_by.git))
+    return Result(job, metrics, revision, curve, folder)
+
+
+def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarray, "n 5"]) -> None:
+    """Raises ValueError for metrics that cannot be, or that are not those of the curve and the budget."""
+    for name, value in metrics.items():
+        if name not in _METRICS or isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        most = 100.0 if name.endswith(_PER_CENT) else math.inf
+        if not (name.endswith(_ANY_SIGN) or 0.0 <= value <= most + _ROUNDING):
+            raise ValueError(f"metrics.json says {name} = {value:g}; it goes from 0 to {most:g}")
+    for name, last in zip(COMPLETION_COLUMNS, curve[-1].tolist(), strict=True):
+        value = metrics.get(name)
+        if name != "step" and value is not None and abs(value - last) > _ROUNDING * max(1.0, abs(last)):
+            raise ValueError(f"metrics.json says {name} = {value:g}, but curve.csv ends with {last:g}")
+    if curve[0, 0] != 0:
+        raise ValueError(f"curve.csv begins at step {curve[0, 0]:.0f}")
+    if curve[-1, 0] > job.steps:
+        raise ValueError(f"curve.csv goes to step {curve[-1, 0]:.0f} of a run of {job.steps}")
+
+
+def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:
+    """The rows of a curve; raises ValueError where they say nothing of the completion."""
+    columns = read_curve(path)
+    if np.isnan(columns["completion_ratio"]).all():
+        raise ValueError(f"{path.name} has no rows with a completion ratio")
+    return np.stack([columns[name] for name in COMPLETION_COLUMNS], axis=1)
+
+
+def revision_text(git: Mapping[str, Any] | None) -> str:
+    """The entry ``git`` of a manifest in a few characters; ends in ``+`` if the checkout had changes."""
+    if not git or not git.get("revision"):
+        return UNKNOWN_REVISION
+    return git["revision"][:12] + ("+" if git.get("changed") else "")
 
 
 def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:

@@ -17,8 +17,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, stdtrit
 
-from anm_mj.bench.job import PLATFORM
-
 NUM_RESAMPLES = 10_000
 LEVEL = 0.95
 """Confidence of the intervals."""
@@ -35,11 +33,6 @@ class PairedDifference:
     by_scene: Float[np.ndarray, " scenes"]
     """Mean over the pairs of each scene."""
     num_pairs: int
-
-    @property
-    def mean(self) -> float:
-        """Mean over scenes."""
-        return float(self.by_scene.mean())
 
     @property
     def without_one(self) -> tuple[float, float] | None:
@@ -61,29 +54,26 @@ class PairedDifference:
         return float(found.pvalue)
 
 
+def case(row: Mapping[str, Any], same: Sequence[str] = TASK) -> tuple[Any, ...]:
+    """What a row shares with those of other variants that it is compared with."""
+    return tuple(row[key] for key in same)
+
+
 def restricted_steps(steps: float | None, budget: int) -> float:
     """Steps to a level, censored at the budget where the run never got there (None or NaN)."""
     return float(budget) if steps is None or not np.isfinite(steps) else min(float(steps), float(budget))
 
 
 def paired_difference(
-    first: Sequence[Mapping[str, Any]],
-    second: Sequence[Mapping[str, Any]],
-    column: str,
-    same: Sequence[str] = (*TASK, *PLATFORM),
+    first: Sequence[Mapping[str, Any]], second: Sequence[Mapping[str, Any]], column: str, same: Sequence[str]
 ) -> PairedDifference | None:
-    """Difference of a column between the runs of two variants that form pairs. Returns None if there is no pair.
-
-    Args:
-        first: rows of the results table of one variant.
-        second: those of the other, which is subtracted.
-        column: the column; pairs in which one run lacks it are left out.
-        same: columns in which the runs of a pair agree.
+    """Difference of a column between the runs of two variants, given by rows of the results table; the second one is
+    subtracted. The runs of a pair agree in the columns ``same`` and have a number; None if there is no pair.
     """
-    other = {tuple(row[key] for key in same): row for row in second}
+    other = {case(row, same): row for row in second}
     per_scene: dict[str, list[float]] = {}
     for row in first:
-        pair = other.get(tuple(row[key] for key in same))
+        pair = other.get(case(row, same))
         if pair is None or row.get(column) is None or pair.get(column) is None:
             continue
         difference = float(row[column]) - float(pair[column])
@@ -95,10 +85,10 @@ def paired_difference(
     return PairedDifference(means, sum(map(len, per_scene.values())))
 
 
-def bootstrap_interval(values: Float[np.ndarray, " n"], seed: int = 0) -> tuple[float, float]:
+def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Expanded percentile interval of the mean, by resampling two values or more; the same for the same values."""
     count = len(values)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     means = values[rng.integers(count, size=(NUM_RESAMPLES, count))].mean(axis=1)
     # A resample varies less than a sample does, by (n - 1) / n, and the normal distribution less than Student's.
     tail = float(ndtr(-math.sqrt(count / (count - 1)) * stdtrit(count - 1, (1.0 + LEVEL) / 2.0)))

@@ -1,9 +1,8 @@
 """The file of a comparison: a small TOML file that becomes a list of runs (``docs/benchmarks.md`` shows one).
 
 Keys outside of a sweep hold for all ``[[sweep]]``; a file without sweeps is one sweep itself. Every run is one scene,
-one policy, one robot, drive, pose and sensor, one start and one seed. Scenes may be ``[[generated]]``
-(:mod:`anm_mj.bench.generated_scene`), ``[[imported]]`` (:mod:`anm_mj.bench.imported_scene`), or those of a ``suite``
-(:mod:`anm_mj.bench.suite`).
+one policy, one robot, drive, pose and sensor, one start and one seed. Scenes may be ``[[generated]]``,
+``[[imported]]``, or those of a ``suite`` (:mod:`anm_mj.bench.suite`).
 """
 
 import itertools
@@ -14,13 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from anm_mj.bench.bench_error import BenchError
-from anm_mj.bench.generated_scene import GeneratedScene, provide
-from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.job import CONDITIONS, Job
-from anm_mj.bench.suite import suite_file
+from anm_mj.bench.suite import GeneratedScene, ImportedScene, find_imported, provide, suite_file
 from anm_mj.config import BUDGETS
-from anm_mj.evaluation.oracle.tour_measure import MEASURES
+from anm_mj.errors import BenchError
+from anm_mj.evaluation.oracle.tour_annealing import MEASURES
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
@@ -80,11 +77,8 @@ MAX_RUNS = limit("ANM_MJ_MAX_RUNS", 10_000)
 
 
 def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
-    """The runs of a file, scene by scene, each once.
-
-    Args:
-        path: The file.
-        more_policies: Policies beside those that each sweep names; sweeps with settings of their own go without.
+    """The runs of a file, scene by scene, each once. ``more_policies`` stand beside those that each sweep names; sweeps
+    with settings of their own go without.
 
     Raises:
         BenchError: The file cannot be read, or asks for something that does not exist.
@@ -105,7 +99,12 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
             sweep = replace(sweep, policies=list(dict.fromkeys((*sweep.policies, *more_policies))))
         for name in sweep.scenes:
             scene = _scene(path, name, provided.get(name))
-            _check_names(scene, scenes.setdefault(file_name(scene.name), scene))
+            other = scenes.setdefault(file_name(scene.name), scene)
+            if (scene.name, scene.hash) != (other.name, other.hash):
+                raise BenchError(
+                    f"The scenes {scene.name!r} ({scene.folder}) and {other.name!r} ({other.folder}) would share the "
+                    "names of their results; change the name in one's scene.toml, or compare them apart."
+                )
             # A robot's file may lie beside the comparison's.
             files = {robot: path.parent / robot for robot in sweep.robot}
             robots = [str(file.resolve()) if os.path.isfile(file) else robot for robot, file in files.items()]
@@ -114,15 +113,6 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
                 robot_path(job.robot)
                 jobs[job.name] = job
     return list(jobs.values())
-
-
-def _check_names(scene: Scene, other: Scene) -> None:
-    """Raises BenchError for two scenes whose results would stand under one name."""
-    if (scene.name, scene.hash) != (other.name, other.hash):
-        raise BenchError(
-            f"The scenes {scene.name!r} ({scene.folder}) and {other.name!r} ({other.folder}) would share the names of "
-            "their results; change the name in one's scene.toml, or compare them apart."
-        )
 
 
 def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) -> Scene:
@@ -171,15 +161,12 @@ def _in_each_reality(path: Path, entries: dict[str, Any]) -> list[Sweep]:
     for name in named if isinstance(named, list) and named else [named]:
         world = reality_of(_entry(path, "reality", name))
         settings = [*world.texts, *_entry(path, "settings", entries.get("settings", []))]
-        found.append(_sweep(path, {**world.options, **entries, "reality": name, "settings": settings}))
+        for needed in ("scenes", "policies"):
+            if not entries.get(needed):
+                raise BenchError(f"{path}: {needed} is missing; name at least one.")
+        keys = {**world.options, **entries, "reality": name, "settings": settings}
+        found.append(Sweep(**{key: _entry(path, key, value) for key, value in keys.items()}))
     return found
-
-
-def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
-    for needed in ("scenes", "policies"):
-        if not entries.get(needed):
-            raise BenchError(f"{path}: {needed} is missing; name at least one.")
-    return Sweep(**{key: _entry(path, key, value) for key, value in entries.items()})
 
 
 def _entry(path: Path, key: str, value: Any) -> Any:

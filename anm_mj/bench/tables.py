@@ -3,15 +3,12 @@
 import math
 from typing import Any
 
-from anm_mj.bench.best_known import BEST
-from anm_mj.bench.difference_table import difference_table
+from anm_mj.bench.error_tables import PAIRED, POSE_COLUMNS, localisation_table, reality_table
 from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
-from anm_mj.bench.localisation_table import COLUMNS as OF_THE_POSE
-from anm_mj.bench.localisation_table import PAIRED, localisation_table
-from anm_mj.bench.markdown_table import Rows, ended_by, heading, numbers, split_by, table
-from anm_mj.bench.reality_table import reality_table
+from anm_mj.bench.markdown_table import DASH, Rows, difference_table, ended_by, heading, numbers, split_by, table
+from anm_mj.bench.results_table import BEST
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
-from anm_mj.bench.statistics import LEAST_SCENES, TASK
+from anm_mj.bench.statistics import LEAST_SCENES, TASK, case
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 
 REACHED = "reached_90"
@@ -43,7 +40,7 @@ OF_ONE_SCENE = (
     ("steps", "steps", 0),
     ("turns", "turns", 0),
     ("hz", "steps/s", 1),
-    *OF_THE_POSE[PAIRED:],
+    *POSE_COLUMNS[PAIRED:],
 )
 """Further columns of the tables of one scene."""
 FEWEST = "times_fewest_90"
@@ -100,7 +97,7 @@ def _overall(rows: Rows, by: str) -> list[str]:
     """Means over the runs that variants have in common, and the differences between variants."""
     parts = []
     for common, names in _groups(rows):
-        shared = [row for row in rows if _case(row) in common]
+        shared = [row for row in rows if case(row) in common]
         scenes = list(split_by(shared, "scene"))
         if len(scenes) > 1:
             text = f"Mean over {len(scenes)} scenes, {len(common)} runs of each policy"
@@ -133,7 +130,7 @@ def _groups(rows: Rows) -> list[tuple[set[tuple[Any, ...]], list[str]]]:
     The first table is of the variants that ran from about all starts, less those from which one of them failed; the
     others add variants that ran from fewer.
     """
-    cases = {name: set(map(_case, own)) for name, own in split_by(rows, "variant").items()}
+    cases = {name: set(map(case, own)) for name, own in split_by(rows, "variant").items()}
     left = sorted(cases, key=lambda name: -len(cases[name]))
     groups = []
     while left:
@@ -146,11 +143,6 @@ def _groups(rows: Rows) -> list[tuple[set[tuple[Any, ...]], list[str]]]:
         if len(names) > 1 or len(cases) == 1:
             groups.append((common, names))
     return groups
-
-
-def _case(row: dict[str, Any]) -> tuple[Any, ...]:
-    """What the runs of two variants share that compare."""
-    return tuple(row[key] for key in TASK)
 
 
 def _unusual(row: dict[str, Any]) -> tuple[int, int]:
@@ -180,14 +172,14 @@ def _bounds(rows: Rows, by: str) -> str:
     for scene, known in split_by([row for row in rows if row["best_known_auc"] is not None], "scene").items():
         # One of the rows of every start and platform: all say the same about it.
         keys = ("start", "budget", *PLATFORM, ROBOT_SETTINGS)
-        here = list({tuple(row[key] for key in keys): row for row in known}.values())
+        here = list({case(row, keys): row for row in known}.values())
         cells = [scene]
         for name in BEST:
             best, most = (numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))
             by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
-            cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
+            cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else DASH, f"{by_policy}/{len(here)}"]
         exceeded = numbers(here, "upper_bound_exceeded_points")
-        lines.append([*cells, f"{exceeded.max():.1f}" if len(exceeded) else "–"])
+        lines.append([*cells, f"{exceeded.max():.1f}" if len(exceeded) else DASH])
     headings.append("above the upper bound [points]")
     return "\n\n".join([heading("What is possible", by), text, table(headings, lines)])
 
@@ -211,7 +203,7 @@ def _cell(rows: Rows, column: str, _: str, decimals: int) -> str:
     """Mean, and deviation but of shares, over the runs of a scene that have a number."""
     values = numbers(rows, column)
     if len(values) == 0:
-        return "–"
+        return DASH
     text = f"{values.mean():.{decimals}f}"
     if column != REACHED and len(values) > 1:
         text += f" ± {values.std(ddof=1):.{decimals}f}"
@@ -225,19 +217,10 @@ def _means(rows: Rows, scenes: list[str], names: list[str]) -> str:
     for name in names:
         per_scene = split_by(variants[name], "scene")
         means[name] = [{column: _mean(per_scene[scene], column) for column, _, _ in MEANS} for scene in scenes]
-    used = [
-        column
-        for column in MEANS
-        if any(len(numbers(own, column[0])) >= _least(own, column[0]) for own in means.values())
+    used = [column for column in MEANS if any(_mean_cell(own, *column) != DASH for own in means.values())]
+    lines = [
+        [name, *(_mean_cell(own, *column) for column in used), ended_by(variants[name])] for name, own in means.items()
     ]
-    lines = []
-    for name, own in means.items():
-        cells = [name]
-        for column, _, decimals in used:
-            values = numbers(own, column)
-            count = f" ({len(values)}/{len(own)})" * (len(values) < len(own))
-            cells.append(f"{values.mean():.{decimals}f}{count}" if len(values) >= _least(own, column) else "–")
-        lines.append([*cells, ended_by(variants[name])])
     headings = ["policy", *(text for _, text, _ in used), "ended by"]
     return table(headings, lines, text_columns=(0, len(headings) - 1))
 
@@ -249,6 +232,9 @@ def _mean(rows: Rows, column: str) -> float | None:
     return float(values.mean()) if enough else None
 
 
-def _least(means: Rows, column: str) -> int:
-    """How many scenes must have a number for their mean to say something: all, unless they are counted."""
-    return 1 if column == FEWEST else len(means)
+def _mean_cell(means: Rows, column: str, _: str, decimals: int) -> str:
+    """Mean over scenes; a dash unless all have the number, or those that have it are counted."""
+    values = numbers(means, column)
+    if len(values) < (1 if column == FEWEST else len(means)):
+        return DASH
+    return f"{values.mean():.{decimals}f}" + f" ({len(values)}/{len(means)})" * (len(values) < len(means))

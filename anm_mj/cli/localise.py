@@ -53,7 +53,7 @@ def localise(
     """
     from anm_mj.cli.console import PlainConsole, progress_bar
     from anm_mj.config import DEFAULT_PRESET, make_config
-    from anm_mj.evaluation.reference_trajectory import read_reference
+    from anm_mj.evaluation.trajectory_error import read_reference
     from anm_mj.io.sequence import ranges_text
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
     from anm_mj.localise_images import localise_images, pose_error, require_new, write_poses

@@ -108,7 +108,7 @@ def map_recorded(
     from anm_mj.cli.progress import FrameLine, Interrupt, live_view
     from anm_mj.cli.run_summary import print_fit, print_folder, print_tracking
     from anm_mj.config import DEFAULT_PRESET, make_config
-    from anm_mj.evaluation.reference_trajectory import read_reference
+    from anm_mj.evaluation.trajectory_error import read_reference
     from anm_mj.io.read_run import read_json
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
     from anm_mj.map_sequence import map_sequence

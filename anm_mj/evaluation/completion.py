@@ -38,13 +38,10 @@ class Completion:
 
 
 class Coverage:
-    """Running completion of a true surface by depth frames.
+    """Running completion of a true surface, given by samples in the world [m], by depth frames.
 
-    Args:
-        samples: Samples of the true surface, world [m].
-        observable: Which of them are observable, if known.
-        before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
-        num_threads: Threads to search with; None = as many as usual. The distances do not depend on it.
+    ``observable`` are those that are, if known, ``before_m`` the distance of each to the nearest point of earlier
+    frames [m], if there were any. The distances do not depend on the number of threads, None = as many as usual.
     """
 
     REBUILT = ("_order", "_nearest", "_observable", "_distance_m", "_pending")
@@ -129,33 +126,26 @@ def uncapped_completion_cm(
     clouds: Iterable[Float[np.ndarray, "m 3"]],
     before_m: Float32[np.ndarray, " n"] | None = None,
 ) -> float | None:
-    """Completion without the cap at 1 m, recomputed from all frames [cm]; None without any depth point.
-
-    Args:
-        samples: Samples of the true surface, world [m].
-        distance_m: Their distances below 1 m, infinite elsewhere, as :class:`~anm_mj.evaluation.completion.Coverage`
-            has them.
-        clouds: The depth points of every frame, world [m].
-        before_m: Distances to the depth points of earlier runs [m], where there were any.
+    """Completion without the cap at 1 m [cm], recomputed from the depth points of every frame, world [m]; None without
+    any. The samples, their distances and ``before_m`` are those of :class:`Coverage`.
     """
-    far = np.flatnonzero(np.isinf(distance_m))
-    full_m = distance_m.copy()
-    if len(far):
-        full_m[far] = nearest_m(samples[far].astype(np.float64), clouds)
-        if before_m is not None:
-            full_m[far] = np.minimum(full_m[far], before_m[far])
-    mean_m = float(np.mean(full_m))
+    full_m = uncapped_m(samples, distance_m, clouds)
+    mean_m = float(np.mean(full_m if before_m is None else np.minimum(full_m, before_m)))
     return 100.0 * mean_m if np.isfinite(mean_m) else None
 
 
-def nearest_m(points: Float[np.ndarray, "n 3"], clouds: Iterable[Float[np.ndarray, "m 3"]]) -> Float[np.ndarray, " n"]:
-    """Distance of points to the nearest point of any cloud [m]; infinite where there is none."""
+def uncapped_m(
+    samples: Float32[np.ndarray, "n 3"], distance_m: Float[np.ndarray, " n"], clouds: Iterable[Float[np.ndarray, "m 3"]]
+) -> Float[np.ndarray, " n"]:
+    """The distances of :class:`Coverage` also from 1 m on [m]; infinite without any depth point of every frame."""
+    full_m, far = distance_m.copy(), np.flatnonzero(np.isinf(distance_m))
+    if not len(far):
+        return full_m
+    points = samples[far].astype(np.float64)
     order = spatial_order(points)
-    search = NearestSearch(points[order])
-    found_m = np.full(len(points), np.inf)
+    search, found_m = NearestSearch(points[order]), np.full(len(far), np.inf)
     remaining = iter(clouds)
     while batch := list(islice(remaining, BATCH_FRAMES)):
         search.lower(found_m, np.concatenate(batch))
-    nearest = np.empty_like(found_m)
-    nearest[order] = found_m
-    return nearest
+    full_m[far[order]] = found_m
+    return full_m

@@ -9,11 +9,12 @@ from jaxtyping import Float, Float32, UInt16
 from anm_mj.evaluation.completion import Completion, Coverage
 from anm_mj.frames import wrap_angle
 from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.io.curve_file import COLUMNS
 from anm_mj.types import Intrinsics, Pose2
 
 CHECKPOINT_STEPS = 10
 """Steps between two rows of the curve."""
-CURVE_HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m,position_error_cm,heading_error_deg"
+CURVE_HEADER = ",".join(COLUMNS)
 """First line of ``curve.csv``; ratios in per cent."""
 
 
@@ -37,10 +38,7 @@ class CurveRow:
     @property
     def csv(self) -> str:
         """The row as a line of ``curve.csv``, every digit kept."""
-        optional = (self.observable_ratio, self.position_error_cm, self.heading_error_deg)
-        observable, position, heading = ("" if value is None else repr(value) for value in optional)
-        known = f"{self.step},{self.completion_ratio!r},{self.completion_cm!r},{observable},{self.path_m!r}"
-        return f"{known},{position},{heading}"
+        return ",".join("" if value is None else repr(value) for value in vars(self).values())
 
 
 class CompletionCurve:
@@ -52,13 +50,9 @@ class CompletionCurve:
         before_m: Float32[np.ndarray, " n"] | None = None,
         num_threads: int | None = None,
     ) -> None:
-        """Start with what was covered before.
-
-        Args:
-            truth: The true surface; None where nobody knows it: there are no rows then.
-            before_m: Distance of each of its samples to the nearest depth point of the runs that this one goes on from
-                [m]; None for a run that began with nothing.
-            num_threads: Threads to search with; None = as many as usual. The rows do not depend on it.
+        """Start with what was covered before: the distance of each sample of the true surface to the nearest depth
+        point of the runs that this one goes on from [m]; None for a run that began with nothing. There are no rows
+        where nobody knows the truth. The rows do not depend on the number of threads, None = as many as usual.
         """
         self.rows: list[CurveRow] = []
         self._coverage = None if truth is None else Coverage(truth.samples, truth.observable, before_m, num_threads)
@@ -84,15 +78,10 @@ class CompletionCurve:
         pose: Pose2,
         believed: Pose2 | None = None,
     ) -> CurveRow | None:
-        """Add the frame after ``step`` actions; returns its row, if it has one.
+        """Add the frame after ``step`` actions, at a pose of the base; returns its row, if it has one.
 
-        Args:
-            step: Number of actions before the frame.
-            depth_mm: Reduced depth [mm].
-            intrinsics: Of the original image.
-            T_world_camera: Camera to world, CV axes.
-            pose: Pose of the base.
-            believed: Where the robot thought that its base was; None where that was the same, or it did not know.
+        Depth, intrinsics and camera as of :meth:`~anm_mj.evaluation.completion.Coverage.add`. ``believed`` is where the
+        robot thought that its base was; None where that was the same, or it did not know.
         """
         if self._coverage is not None:
             self._coverage.add(depth_mm, intrinsics, T_world_camera)

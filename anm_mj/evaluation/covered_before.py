@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32
 from scipy.spatial import KDTree
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.completion import Coverage, nearest_m
+from anm_mj.evaluation.completion import Coverage, uncapped_m
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.reduced_depth import back_project_reduced
 from anm_mj.io.read_run import Run
@@ -27,10 +27,7 @@ def covered_before(run: Run, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
     coverage = Coverage(truth.samples)
     for points in true_clouds(run):
         coverage.add_points(points)
-    distance_m = coverage.distance_m
-    far = np.flatnonzero(np.isinf(distance_m))
-    if len(far):
-        distance_m[far] = nearest_m(truth.samples[far].astype(np.float64), true_clouds(run))
+    distance_m = uncapped_m(truth.samples, coverage.distance_m, true_clouds(run))
     if run.folder.covered_before.is_file():
         samples = GroundTruth.load(run.folder.ground_truth).samples
         before_m = read_covered_before(run.folder.covered_before, len(samples))

@@ -10,14 +10,12 @@ import hashlib
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from anm_mj.evaluation.novel_views import candidate_poses
-from anm_mj.evaluation.rendered_views import compare_views, write_views
 from anm_mj.evaluation.rerender import explored_scene, observe_at
-from anm_mj.evaluation.view_quality import ViewsResult
+from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_views
 from anm_mj.io.read_run import read_run
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.robot.robot_config import DEFAULT_ROBOT
@@ -27,6 +25,7 @@ from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.types import DEFAULT_FOOTPRINT, Intrinsics, Observation, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 from anm_mj.utils.progress import Progress, unheard
+from anm_mj.utils.read_file import read_npz
 
 NUM_VIEWS = 200
 """Views of every scene."""
@@ -109,7 +108,7 @@ def _key(scene: Scene, num_views: int) -> str:
 def _load(path: Path) -> dict[str, np.ndarray] | None:
     """The cached views; None if the file is missing or damaged."""
     try:
-        with np.load(path) as data:
-            return {name: data[name] for name in _ARRAYS}
-    except (OSError, ValueError, EOFError, KeyError, BadZipFile):
+        arrays = read_npz(path)
+        return {name: arrays[name] for name in _ARRAYS}
+    except (OSError, ValueError, KeyError):
         return None

@@ -21,6 +21,7 @@ from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.ground_truth import COVERED_M, NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.people.crowd import CHAIR
 from anm_mj.people.door_leaves import LEAF
+from anm_mj.types import Footprint
 from anm_mj.utils.threads import usual_num_threads
 
 FINE_M = 0.025
@@ -69,35 +70,33 @@ def mesh_quality(
     chair: tuple[float, float, float] | None = None,
     doors: Sequence[tuple[float, float, float, float]] = (),
 ) -> tuple[MeshQuality, MeshQuality | None]:
-    """Compare a mesh with the true surface. Returns the quality of the whole, and culled to the observed surface; None
-    if nothing was observed. Raises SceneError if the mesh has no area.
+    """Compare a mesh, world [m], with the true surface, of whose samples some were observed. Returns the quality of the
+    whole, and culled to the observed surface; None if nothing was observed. Raises SceneError if the mesh has no area.
 
-    Args:
-        vertices: World [m].
-        faces: Vertex indices.
-        truth: The true surface.
-        covered: Which of its samples the run observed.
-        num_samples: Samples on the mesh.
-        chair: Where the chair stands that was pushed, x [m], y [m], yaw [rad]: it is no part of the true surface, and
-            what the mesh has of it there is not judged; None = there is none.
-        doors: Where the leaves of doors stand, x and y of the hinge [m], yaw [rad], length [m]; likewise.
+    A chair that was pushed (x [m], y [m], yaw [rad]) and leaves of doors (x and y of the hinge [m], yaw [rad], length
+    [m]) are no part of the true surface, and what the mesh has of them where they stand is not judged.
     """
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
     if chair is not None:
-        is_near = np.linalg.norm(samples[:, :2] - chair[:2], axis=1) < CHAIR.radius_m + FAR_OFF_M
-        above_floor = (samples[:, 2] > COVERED_M) & (samples[:, 2] < CHAIR.z_max_m + FAR_OFF_M)
-        samples = samples[~(is_near & above_floor)]
+        samples = _without(samples, np.linalg.norm(samples[:, :2] - chair[:2], axis=1), CHAIR)
     for x_m, y_m, yaw_rad, length_m in doors:
         along, away_m = np.array([math.cos(yaw_rad), math.sin(yaw_rad)]), samples[:, :2] - (x_m, y_m)
         beside_m = away_m - (away_m @ along).clip(0.0, length_m)[:, None] * along
-        is_near = np.linalg.norm(beside_m, axis=1) < LEAF.radius_m + FAR_OFF_M
-        samples = samples[~(is_near & (samples[:, 2] > COVERED_M) & (samples[:, 2] < LEAF.z_max_m + FAR_OFF_M))]
+        samples = _without(samples, np.linalg.norm(beside_m, axis=1), LEAF)
     to_truth_m = surface_distance(samples, truth.vertices.astype(np.float64), truth.faces)
     to_mesh_m = surface_distance(truth.samples.astype(np.float64), vertices.astype(np.float64), faces)
     _, nearest = KDTree(truth.samples).query(samples, workers=usual_num_threads())
     kept = covered[nearest]
     culled = _quality(to_truth_m[kept], to_mesh_m[covered]) if kept.any() else None
     return _quality(to_truth_m, to_mesh_m), culled
+
+
+def _without(
+    samples: Float[np.ndarray, "n 3"], away_m: Float[np.ndarray, " n"], body: Footprint
+) -> Float[np.ndarray, "m 3"]:
+    """The samples that are not of a body above the floor, so far away from its middle in the plane."""
+    above_floor = (samples[:, 2] > COVERED_M) & (samples[:, 2] < body.z_max_m + FAR_OFF_M)
+    return samples[~((away_m < body.radius_m + FAR_OFF_M) & above_floor)]
 
 
 def _quality(to_truth_m: Float[np.ndarray, " n"], to_mesh_m: Float[np.ndarray, " m"]) -> MeshQuality:

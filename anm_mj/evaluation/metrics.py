@@ -208,17 +208,11 @@ def summarise(
     views: Mapping[str, Any] | None = None,
     trajectory: Mapping[str, Any] | None = None,
 ) -> Metrics:
-    """Assemble the metrics of a run.
+    """Assemble the metrics of a run with a finished curve.
 
-    Args:
-        statistics: Sums over its steps.
-        curve: Its completion curve, finished.
-        uncapped_cm: Completion without a cap [cm].
-        truth: The true surface; None where nobody knows it.
-        mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh, or a truth.
-        summary: Facts that only the running program knows.
-        views: Quality of the map on novel and fixed views, as :func:`view_metrics` has it; None if not measured.
-        trajectory: Errors of the trajectory by the keys of ``metrics.json``; None for true poses.
+    ``mesh`` is the quality of the whole mesh, and culled to the observed surface; None without a mesh, or a truth.
+    ``views`` is that of the map on novel and fixed views, as :func:`view_metrics` has it, ``trajectory`` the errors of
+    the trajectory by the keys of ``metrics.json``; None if not measured.
     """
     last, before = curve.rows[-1] if curve.rows else None, curve.before
     whole, observed = mesh or (None, None)

@@ -15,9 +15,8 @@ from jaxtyping import Float, Float32, UInt8
 from PIL import Image
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.rendered_views import compare_views, write_views
 from anm_mj.evaluation.rerender import explored_scene, observe_at
-from anm_mj.evaluation.view_quality import ViewsResult
+from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_views
 from anm_mj.frames import back_project
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.io.read_run import Run, read_run
@@ -77,18 +76,12 @@ def candidate_poses(places_m: Float[np.ndarray, "n 2"], seed: int) -> list[Pose2
     ]
 
 
-def novel_places(
-    places_m: Float[np.ndarray, "n 2"], trajectory_m: Float[np.ndarray, "k 2"], distance_m: float
-) -> Float[np.ndarray, "m 2"]:
-    """The places farther than a distance from a trajectory [m]."""
-    return places_m[KDTree(trajectory_m).query(places_m)[0] > distance_m]
-
-
 def _novel_views(record: Run, world: Scene, seed: int) -> Iterator[Observation]:
     """The simulator's views at novel poses that are clear of obstacles."""
     trajectory = np.array([frame.true_pose.xy_m for frame in record.frames])
     places = scene_area(world, DEFAULT_FOOTPRINT).places(1)
-    novel = {tuple(place) for place in novel_places(places, trajectory, FAR_M).tolist()}
+    is_novel = KDTree(trajectory).query(places)[0] > FAR_M
+    novel = set(map(tuple, places[is_novel].tolist()))
     tried = (pose for pose in candidate_poses(places, seed) if (pose.x_m, pose.y_m) in novel)
     clear = (pose for pose in islice(tried, MAX_TRIED) if is_clear(world, pose, DEFAULT_FOOTPRINT))
     return observe_at(world, clear, record.intrinsics.width, record)

@@ -37,15 +37,9 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
 def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run | None = None) -> Iterator[Observation]:
     """The simulated robot's view at each pose, obstacles or not, with that pose and its index as the step.
 
-    Args:
-        world: The scene.
-        poses: Where the robot stands; read one at a time.
-        image_px: Width and height of the images, where the run does not say [px].
-        record: The run whose robot and camera are used; None for the builtin ones.
-
-    Raises:
-        RenderError: No GL back-end works.
-        RobotError: The robot's file has gone.
+    Poses are read one at a time. Robot and camera are those of a run, None for the builtin ones with images of
+    ``image_px`` in width and height [px]. Raises RenderError if no GL back-end works, and RobotError if the robot's
+    file has gone.
     """
     config: Mapping[str, Any] = {} if record is None else record.config
     camera = _of_config(CameraConfig, config.get("camera", {}))

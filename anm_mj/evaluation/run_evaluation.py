@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32
 
 from anm_mj.errors import RunFolderError, SceneError
 from anm_mj.evaluation.completion import Completion, Coverage, uncapped_completion_cm
@@ -25,6 +25,7 @@ from anm_mj.evaluation.metrics import (
 )
 from anm_mj.evaluation.trajectory_error import alignment, trajectory_error
 from anm_mj.evaluation.view_quality import ViewsResult
+from anm_mj.frames import transform_points
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
@@ -41,8 +42,6 @@ from anm_mj.types import DEFAULT_FOOTPRINT, Action
 from anm_mj.utils.files import write_text
 from anm_mj.utils.progress import Progress, unheard
 
-_POSES = ("T_world_camera", "T_true_camera")
-"""Fields of a frame: the camera's believed and its true pose."""
 _OF_VIEWS = {field.name for field in dataclasses.fields(Metrics) if field.name.startswith((NOVEL, FIXED))}
 """Keys of ``metrics.json`` about views."""
 
@@ -59,13 +58,7 @@ def evaluate_run(
     metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
     compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
     camera pose, whatever pose the robot believed. Raises RunFolderError if the folder is no run, or a file in it is
-    damaged.
-
-    Args:
-        path: The run folder.
-        on_progress: Called with done and total rounds while the observable surface is computed.
-        novel_views: Result of :func:`anm_mj.evaluation.novel_views.evaluate_novel_views`.
-        fixed_views: Result of :func:`anm_mj.evaluation.fixed_views.evaluate_fixed_views`.
+    damaged. ``on_progress`` is called with done and total rounds while the observable surface is computed.
     """
     run = read_run(path)
     if not run.frames:
@@ -128,23 +121,16 @@ def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeSt
 
 
 def quality_of_mesh(
-    run: Run, truth: GroundTruth, curve: CompletionCurve
+    run: Run, truth: GroundTruth, curve: CompletionCurve, T_true_believed: Float[np.ndarray, "4 4"] | None = None
 ) -> tuple[MeshQuality, MeshQuality | None] | None:
-    """Quality of a run's mesh as a whole, and culled to what a finished curve covered; None where there is no mesh.
-    Raises RunFolderError if the mesh is damaged.
+    """Quality of a run's mesh, moved by a rigid motion if one is given, as a whole, and culled to what a finished curve
+    covered; None where there is no mesh. Raises RunFolderError if the mesh is damaged.
     """
     if not run.folder.mesh.is_file():
         return None
-    return _quality_of(*read_mesh(run.folder.mesh), run, truth, curve)
-
-
-def _quality_of(
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
-    run: Run,
-    truth: GroundTruth,
-    curve: CompletionCurve,
-) -> tuple[MeshQuality, MeshQuality | None]:
+    vertices, faces = read_mesh(run.folder.mesh)
+    if T_true_believed is not None:
+        vertices = transform_points(T_true_believed, vertices).astype(vertices.dtype)
     stands = {"chair": run.frames[-1].chair, "doors": run.frames[-1].doors} if run.frames else {}
     return mesh_quality(vertices, faces, truth, curve.distance_m < COVERED_M, **stands)
 
@@ -158,12 +144,10 @@ def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> 
         return None
     found: dict[str, Any] = dataclasses.asdict(error)
     known = [frame for frame in run.frames if not frame.is_lost]
-    if known and run.folder.mesh.is_file():
-        vertices, faces = read_mesh(run.folder.mesh)
-        believed, true = (np.array([getattr(frame, name)[:3, 3] for frame in known]) for name in _POSES)
-        T_true_believed = alignment(believed, true)
-        moved = (vertices @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]).astype(vertices.dtype)
-        _, observed = _quality_of(moved, faces, run, truth, curve)
+    if known:
+        believed = np.array([frame.T_world_camera[:3, 3] for frame in known])
+        true = np.array([frame.T_true_camera[:3, 3] for frame in known])
+        _, observed = quality_of_mesh(run, truth, curve, alignment(believed, true)) or (None, None)
         if observed is not None:
             found["aligned_observed_accuracy_cm"] = observed.accuracy_cm
             found["aligned_observed_f_score"] = observed.f_score_percent

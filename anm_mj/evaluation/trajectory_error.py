@@ -1,4 +1,5 @@
-"""How far the believed trajectory of a run is from the true one: ATE, RPE, what is left at the end.
+"""How far the believed trajectory of a run is from the true one, or from poses that somebody else measured, such as by
+motion capture: ATE, RPE, what is left at the end.
 
 Sturm, Engelhard, Endres, Burgard and Cremers, A Benchmark for the Evaluation of RGB-D SLAM Systems, IROS 2012. Beside
 the ATE after alignment stands the same without: a map that is consistent and stands askew in the world has an aligned
@@ -7,46 +8,54 @@ error of nothing.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
 
+from anm_mj.errors import RunFolderError
 from anm_mj.frames import wrap_angle
+from anm_mj.io.bag_poses import Track
 from anm_mj.io.run_records import FrameRecord
+from anm_mj.io.sequence_poses import base_pose
+from anm_mj.utils.read_file import read_table
 
 RPE_M = 1.0
 """Driven distance over which drift is measured [m]."""
 RPE_RAD = math.pi / 2
 """Rotation over which drift is measured [rad]."""
+_FEWEST = 3
+"""Fewer poses cannot be aligned."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrajectoryError:
     """Errors of the camera's believed poses; the fields are those of ``metrics.json``.
 
     Frames whose pose was not known count in the two shares alone; without any other, errors are None.
     """
 
-    position_rmse_cm: float | None
+    position_rmse_cm: float | None = None
     """Root mean square of the position error in the world, without alignment [cm]."""
-    ate_rmse_cm: float | None
+    ate_rmse_cm: float | None = None
     """The same after the rigid alignment that makes it smallest (absolute trajectory error) [cm]."""
-    rpe_cm_per_m: float | None
+    rpe_cm_per_m: float | None = None
     """Root mean square of the drift of position over each metre driven [cm]; None for a shorter path."""
-    rpe_deg_per_m: float | None
+    rpe_deg_per_m: float | None = None
     """Likewise of the drift of rotation [deg]."""
-    rpe_deg_per_quarter_turn: float | None
+    rpe_deg_per_quarter_turn: float | None = None
     """Root mean square of the drift of rotation over each 90 degrees turned [deg]; None for less."""
-    final_position_error_cm: float | None
+    final_position_error_cm: float | None = None
     """Error of the last known position [cm]."""
-    final_heading_error_deg: float | None
+    final_heading_error_deg: float | None = None
     """Error of the heading there [deg]."""
     lost_percent: float
     """Share of the frames whose pose was not known [%]."""
     unmapped_percent: float
     """Share of the frames whose pose was not good enough for the map, the lost ones included [%]."""
-    loops_closed: int = 0
+    loops_closed: int
     """How often earlier keyframes were moved, because a place was seen again."""
 
 
@@ -54,11 +63,9 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
     """The error of a run's trajectory; None where the poses that it believed are the true ones. There is one frame at
     least.
     """
-    lost_percent = 100.0 * float(np.mean([frame.is_lost for frame in frames]))
-    unmapped_percent = 100.0 * float(np.mean([not frame.is_mapped for frame in frames]))
     known = [frame for frame in frames if not frame.is_lost]
     if not known:
-        return TrajectoryError(None, None, None, None, None, None, None, lost_percent, unmapped_percent)
+        return TrajectoryError(**of_all_frames(frames))
     believed = np.array([frame.T_world_camera for frame in known])
     true = np.array([frame.T_true_camera for frame in known])
     if np.array_equal(believed, true):
@@ -80,10 +87,54 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
         rpe_deg_per_quarter_turn=math.degrees(_rms(over_turn[:, 1])) if len(over_turn) else None,
         final_position_error_cm=100.0 * float(error_m[-1]),
         final_heading_error_deg=math.degrees(abs(heading)),
-        lost_percent=lost_percent,
-        unmapped_percent=unmapped_percent,
-        loops_closed=sum(frame.closes_loop for frame in frames),
+        **of_all_frames(frames),
     )
+
+
+def of_all_frames(frames: Sequence[FrameRecord]) -> dict[str, Any]:
+    """The fields of :class:`TrajectoryError` in which frames count whose pose was not known."""
+    return {
+        "lost_percent": 100.0 * float(np.mean([frame.is_lost for frame in frames])),
+        "unmapped_percent": 100.0 * float(np.mean([not frame.is_mapped for frame in frames])),
+        "loops_closed": sum(frame.closes_loop for frame in frames),
+    }
+
+
+def read_reference(path: Path) -> Track:
+    """Camera poses of a TUM file, in a world of their own. Raises RunFolderError if it cannot be read as such."""
+    try:
+        lines = read_table(path)
+        if lines.ndim != 2 or lines.shape[1] != 8 or not np.isfinite(lines).all():
+            raise ValueError("it needs eight numbers in every line: time, position, quaternion")
+    except (OSError, ValueError) as err:
+        raise RunFolderError(f"{path} cannot be read as poses in TUM format ({err}).") from err
+    track = Track(str(path))
+    for line in lines:
+        track.add(float(line[0]), line[1:])
+    return track
+
+
+def reference_error(frames: Sequence[FrameRecord], reference: Track) -> TrajectoryError | None:
+    """The error of a tracked trajectory; None where the reference knows fewer than three of its poses.
+
+    The reference is brought into the world of the trajectory by the first pose that both know. Frames whose pose was
+    not known count in ``lost_percent`` alone.
+    """
+    known: list[tuple[FrameRecord, np.ndarray]] = []
+    for frame in frames:
+        pose = None if frame.is_lost else reference.at(frame.time_s)
+        if pose is not None:
+            known.append((frame, pose))
+    if len(known) < _FEWEST:
+        return None
+    first, T_reference_first = known[0]
+    T_world_reference = first.T_world_camera @ np.linalg.inv(T_reference_first)
+    placed = []
+    for frame, pose in known:
+        T = T_world_reference @ pose
+        placed.append(replace(frame, T_true_camera=T, true_pose=base_pose(T)))
+    error = trajectory_error(placed)
+    return None if error is None else replace(error, **of_all_frames(frames))
 
 
 def alignment(from_m: Float[np.ndarray, "n 3"], to_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4 4"]:

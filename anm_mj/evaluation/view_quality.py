@@ -1,17 +1,28 @@
-"""Quality of rendered views: PSNR and SSIM of colour, mean absolute error (L1) of depth.
+"""What a map renders in the place of true views, and how good it is: PSNR and SSIM of colour, mean absolute error (L1)
+of depth.
 
 The map renders unknown pixels black and without depth. PSNR and SSIM over whole images and the depth error count them
 as wrong; the known share, and PSNR and L1 over known pixels alone, complement them.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from skimage.metrics import structural_similarity
 
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
+from anm_mj.io.to_json import write_json
+from anm_mj.types import Observation
+from anm_mj.utils.progress import Progress, unheard
+
+if TYPE_CHECKING:
+    from anm_mj.mapping.neural_map import NeuralMap
 
 MAX_PSNR_DB = 100.0
 """PSNR of identical images."""
@@ -97,3 +108,24 @@ def mean_quality(views: Sequence[ViewQuality]) -> ViewQuality:
     total = np.where(finite, values, 0.0).sum(axis=0)
     means = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
     return ViewQuality(*means.tolist())
+
+
+def compare_views(
+    neural_map: NeuralMap, views: Iterable[Observation], num_views: int, on_progress: Progress = unheard
+) -> Iterator[tuple[Observation, UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], ViewQuality]]:
+    """Each true view, colour and planar depth [m] that a map renders in its place, and their quality. ``num_views`` is
+    for the progress.
+    """
+    for done, view in enumerate(views, start=1):
+        rgb, depth_m = neural_map.render(view.intrinsics, view.T_world_camera)
+        yield view, rgb, depth_m, compare_view(rgb, depth_m, view.rgb, view.depth_m)
+        on_progress(done, num_views)
+
+
+def write_views(path: Path, rows: Sequence[dict[str, Any]], **facts: Any) -> ViewsResult:
+    """Write ``novel_views.json`` or ``fixed_views.json``; returns the means. Each row has the ``quality`` of a view;
+    ``facts`` are further entries of the file. Raises RunFolderError if the file cannot be written.
+    """
+    result = ViewsResult(len(rows), mean_quality([row["quality"] for row in rows]) if rows else None)
+    write_json(path, {"num_views": result.num_views, **facts, "mean": result.mean, "views": rows})
+    return result

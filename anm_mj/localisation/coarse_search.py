@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 from scipy import ndimage
 
+from anm_mj.frames import pose_matrix
 from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2
 
 
 @dataclass(frozen=True)
@@ -32,14 +33,9 @@ class DistanceGrid:
 def distance_grid(
     grid: OccupancyGrid, camera_height_m: float, floor_m: float, margin_m: float, config: RelocalisationConfig
 ) -> DistanceGrid:
-    """The distance grid of a map.
+    """The distance grid of a map, for cameras at a height above z = 0 [m].
 
-    Args:
-        grid: Free, occupied and unknown voxels.
-        camera_height_m: World z of the camera [m].
-        floor_m: World z above which the camera's stand needs free space [m].
-        margin_m: Points reach so far beyond the map [m].
-        config: Its cell and truncation.
+    Their stand needs free space above the world z of ``floor_m``; points reach by ``margin_m`` beyond the map [m].
     """
     pool = max(1, round(config.cell_m / grid.resolution_m))
     edge = pool * grid.resolution_m
@@ -86,8 +82,7 @@ def heading(T_world_camera: Float[np.ndarray, "4 4"]) -> float:
 
 def turned(yaw_rad: float) -> Float[np.ndarray, "4 4"]:
     """The rotation about world z."""
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    return pose_matrix(Pose2(0.0, 0.0, yaw_rad))
 
 
 def placed(T_level: Float[np.ndarray, "4 4"], x_m: float, y_m: float, yaw_rad: float) -> Float[np.ndarray, "4 4"]:
@@ -100,13 +95,8 @@ def placed(T_level: Float[np.ndarray, "4 4"], x_m: float, y_m: float, yaw_rad: f
 def search(
     points: FramePoints, T_level: Float[np.ndarray, "4 4"], grid: DistanceGrid, config: RelocalisationConfig
 ) -> list[tuple[float, Float[np.ndarray, "4 4"]]]:
-    """The best places and headings of a frame, by mean truncated distance [m], best first.
-
-    Args:
-        points: Of the frame; some of them are used.
-        T_level: Height and tilt of the camera.
-        grid: The map.
-        config: Spacing of places and headings, and how many are wanted.
+    """The best places and headings of a frame, by mean truncated distance [m] of some of its points, best first.
+    ``T_level`` has the height and tilt of the camera.
     """
     every = max(1, round(config.spacing_m / grid.cell_m))
     rows, cols = np.nonzero(grid.open)
@@ -114,11 +104,11 @@ def search(
     rows, cols = rows[kept], cols[kept]
     if not len(rows):
         return []
-    coarse = _thinned(points, config.search_points)
+    coarse = points.about(config.search_points)
     yaws = np.arange(config.headings) * (math.tau / config.headings)
     score = np.stack([_scores(coarse, T_level, yaw, rows, cols, grid) for yaw in yaws.tolist()])
     xy = grid.origin_m[:2] + np.stack((cols, rows), axis=1) * grid.cell_m
-    fine = _thinned(points, config.refine_points)
+    fine = points.about(config.refine_points)
     found: list[tuple[float, float, float, float]] = []
     taken: list[tuple[float, float, float]] = []
     # Twice as many as wanted: refinement changes the order.
@@ -187,13 +177,6 @@ def _values(grid: DistanceGrid, at: Float[np.ndarray, "n 3"]) -> Float32[np.ndar
     inside = ((cell >= 0) & (cell <= top)).all(axis=1)
     x, y, z = np.clip(cell, 0, top).T
     return np.where(inside, grid.distance_m[z, y, x], grid.distance_m[0, 0, 0])
-
-
-def _thinned(points: FramePoints, count: int) -> FramePoints:
-    every = max(1, len(points) // count)
-    return FramePoints(
-        points.camera_m[::every], points.rgb[::every], points.variance_m2[::every], points.trust[::every]
-    )
 
 
 def _is_same(

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.headings import Headings, turned_rad
 from anm_mj.localisation.localisation_config import CompassConfig
 from anm_mj.localisation.registration import PLANAR, Prior
-from anm_mj.localisation.wall_directions import wall_directions
+from anm_mj.localisation.wall_directions import Headings, turned_rad, wall_directions
 from anm_mj.types import Observation
 
 _RESIDUALS = 60
@@ -59,12 +58,8 @@ class WallCompass:
         """Of the last walls, in stated standard deviations."""
 
     def look(self, view: Observation, prior: Prior, noise_per_m: float) -> Prior:
-        """The prior with what the walls in a frame say of its heading.
-
-        Args:
-            view: The frame, without pixels that moved.
-            prior: Of its pose.
-            noise_per_m: The sensor's depth noise: the deviation of depth is this times its square [1/m].
+        """The prior with what the walls in a frame, without pixels that moved, say of its heading. The deviation of the
+        sensor's depth is ``noise_per_m`` times its square [1/m].
         """
         if not self._is_on:
             return prior
@@ -72,8 +67,7 @@ class WallCompass:
         found = wall_directions(view.depth_m, view.intrinsics, T_world_camera[:3, :3], noise_per_m)
         seen = [(wall.angle_rad, config.noise_share * wall.deviation_rad) for wall in found]
         self._seen = T_world_camera, [each for each in seen if each[1] <= config.most_deviation_rad]
-        turns: list[float] = []
-        deviations: list[float] = []
+        turns, deviations = list[float](), list[float]()
         for angle, noise in self._seen[1]:
             for direction in self._directions:
                 deviation = math.sqrt(scale**2 * (noise**2 + config.deviation_rad**2) + direction.variance)
@@ -88,11 +82,8 @@ class WallCompass:
         return replace(prior, headings=Headings(T_world_camera, tuple(turns), tuple(deviations), kernels))
 
     def learn(self, T_world_camera: Float[np.ndarray, "4 4"], deviation_rad: float) -> None:
-        """Take in the walls of the last frame, at the pose that was found for it.
-
-        Args:
-            T_world_camera: The pose.
-            deviation_rad: Standard deviation of its rotation in the world.
+        """Take in the walls of the last frame, at the pose that was found for it, whose rotation in the world has a
+        standard deviation of ``deviation_rad``.
         """
         if self._seen is None:
             return

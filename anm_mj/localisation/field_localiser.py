@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -12,24 +11,27 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import MapError
-from anm_mj.localisation.base_of_camera import BaseOfCamera
 from anm_mj.localisation.compass import WallCompass
-from anm_mj.localisation.fit_history import FitHistory
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
-from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImage, KeyImages, key_image
 from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState, largest_deviations
+from anm_mj.localisation.localiser import (
+    BaseOfCamera,
+    PoseEstimate,
+    RegistrationQuality,
+    TrackingState,
+    largest_deviations,
+)
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.motion import MotionModel
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import is_jump, registered
-from anm_mj.localisation.relocaliser import Relocaliser, possible_tilts
-from anm_mj.localisation.training_pace import TrainingPace
-from anm_mj.localisation.verdict import Verdict, judged
+from anm_mj.localisation.relocaliser import Relocaliser
+from anm_mj.localisation.tracking import FitHistory, TrainingPace, Verdict, judged
+from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2
 
@@ -101,7 +103,7 @@ class FieldLocaliser:
         self._history = FitHistory()
         self._motion = MotionModel(config.motion, self._basis, has_odometry=odometry)
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
-        self._relocaliser = Relocaliser(config)
+        self._relocaliser = Relocaliser(config, self._basis, self._probe)
         self._key_images = KeyImages(config.key_images)
         self._compass = WallCompass(config.compass, self._basis)
         self._headings: Headings | None = None
@@ -263,8 +265,7 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=self._is_followed)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
-        tilts = possible_tilts(self._tilts or (prior.T_world_camera,), points, self._basis, rng)
-        believed = finder.look(points, tilts, self._basis, self._probe, self._history.usual_score)
+        believed = finder.look(points, self._tilts or (prior.T_world_camera,), rng, self._history.usual_score)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, image, misfit=False)
         finder.restart()
@@ -311,10 +312,7 @@ class FieldLocaliser:
             T_world_camera = estimate.observation.T_world_camera
             image = replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance)
         self._image_odometry.see(image)
-        if image is None or not self._is_followed:
-            self._key_images.forget_last()
-        else:
-            self._key_images.see(image)
+        self._key_images.see(image if self._is_followed else None)
 
     @property
     def _deviations(self) -> tuple[float, float]:
@@ -339,12 +337,10 @@ class FieldLocaliser:
         before = T_world_camera if self._T_world_camera is None or relocalised else self._T_world_camera
         self._motion.move(np.linalg.inv(before) @ T_world_camera, observation.T_world_camera)
         self._T_world_camera = T_world_camera
-        quality = RegistrationQuality(0.0, 0.0, math.nan, 0, self._basis.shape[1])
-        if found is not None:
-            quality = replace(quality, known=found.known, inliers=found.inliers, rmse_m=found.rmse_m, bound=found.bound)
+        fit = (0.0, 0.0, 0) if found is None else (found.known, found.inliers, found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base.pose(observation, T_world_camera))
         position_m, rotation_rad = self._deviations
         told = replace(placed, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
         covariance = self._basis @ self._covariance @ self._basis.T + self._key_images.map_covariance(T_world_camera)
         usable = usable and self._state is TrackingState.TRACKING
-        return PoseEstimate(told, covariance, quality, self._state, usable, relocalised)
+        return PoseEstimate(told, covariance, RegistrationQuality(*fit), self._state, usable, relocalised)

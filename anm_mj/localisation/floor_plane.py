@@ -24,10 +24,7 @@ def pose_above_floor(points_m: Float32[np.ndarray, "n 3"], rng: np.random.Genera
     """Height and tilt of a camera, as a pose at x = y = 0 above the floor z = 0; None where it shows no floor.
 
     The floor is the plane with the most points that lies below nearly all others (RANSAC: Fischler and Bolles, 1981).
-
-    Args:
-        points_m: Of the frame, in the camera's axes.
-        rng: What the planes are drawn from.
+    Points are those of a frame, in the camera's axes; ``rng`` draws the planes.
     """
     if len(points_m) < _LEAST_POINTS:
         return None

@@ -22,14 +22,8 @@ _EDGE_DEVIATIONS = 4.0
 def draw_points(
     observation: Observation, count: int, noise_per_m: float, range_m: float, rng: np.random.Generator
 ) -> FramePoints:
-    """About ``count`` measured pixels, spread evenly over the image, without those at depth edges.
-
-    Args:
-        observation: The frame.
-        count: Points to draw.
-        noise_per_m: The sensor's depth noise: the deviation of depth is this times its square [1/m].
-        range_m: Points farther away are left out [m].
-        rng: What the pixels are drawn from.
+    """About ``count`` measured pixels, drawn evenly over the image; none at depth edges, or beyond ``range_m``. The
+    deviation of the sensor's depth is ``noise_per_m`` times its square [1/m].
     """
     k = observation.intrinsics
     row, col = _spread(k.height, k.width, count, rng)
@@ -42,12 +36,9 @@ def draw_points(
     row, col, depth = row[kept], col[kept], depth[kept]
     x, y = _slopes(k, row, col)
     deviation = noise * depth**2 * np.sqrt(1.0 + x**2 + y**2)
-    return FramePoints(
-        _in_camera(x, y, depth),
-        observation.rgb[row, col].astype(np.float32) / np.float32(255.0),
-        (deviation**2).astype(np.float32),
-        np.ones(len(depth), np.float32),
-    )
+    rgb = observation.rgb[row, col].astype(np.float32) / np.float32(255.0)
+    variance = (deviation**2).astype(np.float32)
+    return FramePoints(_in_camera(x, y, depth), rgb, variance, np.ones(len(depth), np.float32))
 
 
 def grid_points(observation: Observation, count: int) -> Float32[np.ndarray, "n 3"]:
@@ -65,22 +56,12 @@ def without_moved(
     T_world_camera: Float[np.ndarray, "4 4"],
     deviations: tuple[float, float],
 ) -> Observation:
-    """The frame without the pixels that moved, as far as a map tells from where the camera may be.
-
-    Args:
-        observation: The frame.
-        mapper: The map.
-        T_world_camera: Where the camera is expected.
-        deviations: Standard deviations of its position [m] and its rotation [rad].
+    """The frame without the pixels that moved, as far as a map tells from where the camera may be: about
+    ``T_world_camera``, with the standard deviations of its position [m] and its rotation [rad].
     """
     position_m, rotation_rad = deviations
     believed = replace(observation, T_world_camera=T_world_camera, position_deviation_m=position_m)
     return mapper.find_moved(replace(believed, heading_deviation_rad=rotation_rad))
-
-
-def with_trust(points: FramePoints, trusted: Bool[np.ndarray, " n"]) -> FramePoints:
-    """The same points, of which some are left out."""
-    return FramePoints(points.camera_m, points.rgb, points.variance_m2, points.trust * trusted.astype(np.float32))
 
 
 @functools.lru_cache(maxsize=2)

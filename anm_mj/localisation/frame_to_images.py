@@ -1,21 +1,25 @@
-"""A frame compared with earlier ones: what it adds to the normal equations of its registration."""
+"""A frame compared with earlier ones: what it adds to the normal equations of its registration, and where one of them
+alone puts it, which is what a pose graph is made of.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Float64
 from scipy import ndimage
 
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import COARSE, KeyImage, KeyImages, gray_values
-from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.registration import Sums
+from anm_mj.localisation.key_images import COARSE, KeyImage, KeyImages, Sums, gray_values
+from anm_mj.localisation.localisation_config import GraphConfig, LocalisationConfig
+from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
 
 
 class FrameToImages:
-    """Compares points of a frame with some images; implements :class:`~.registration.Extra`."""
+    """Compares points of a frame with some images."""
 
     def __init__(
         self,
@@ -26,16 +30,10 @@ class FrameToImages:
         noise_per_m: float,
         depth_share: float,
     ) -> None:
-        """Of the images that are given.
+        """Of the images that are given, by ``kept``; ``coarse_gray`` as of :func:`coarse_gray_at`.
 
-        Args:
-            kept: Compares points with an image.
-            images: Those that they are compared with.
-            points: Of the frame.
-            coarse_gray: Their grey values as of :func:`coarse_gray_at`.
-            noise_per_m: Of the depth.
-            depth_share: What depth counts beside grey values. Depth errs by what many pixels share (bias, steps of
-                disparity), so that more of them tell no more.
+        ``depth_share`` is what depth counts beside grey values. Depth errs by what many pixels share (bias, steps of
+        disparity), so that more of them tell no more.
         """
         self._kept, self._images, self.points, self._noise_per_m = kept, images, points, noise_per_m
         self._gray, self._coarse_gray, self._depth_share = gray_values(points.rgb), coarse_gray, depth_share
@@ -54,16 +52,12 @@ class FrameToImages:
         return len(self._images)
 
     def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
-        """Sums over the points and images at a pose."""
+        """Sums over the points and images at a pose, with a width of the kernel in standard deviations; ``coarse`` ones
+        lead there from farther away.
+        """
+        gray, share = self._coarse_gray if coarse else self._gray, self._depth_share
         return self._kept.equations(
-            self._images,
-            self.points,
-            T_world_camera,
-            self._noise_per_m,
-            kernel,
-            self._coarse_gray if coarse else self._gray,
-            coarse=coarse,
-            depth_share=self._depth_share,
+            self._images, self.points, T_world_camera, self._noise_per_m, kernel, gray, coarse=coarse, depth_share=share
         )
 
     def against(self, image: KeyImage) -> FrameToImages:
@@ -94,17 +88,9 @@ def compared_with(
     noise_per_m: float,
     rng: np.random.Generator,
 ) -> FrameToImages:
-    """A frame, to be compared with images.
+    """The frame ``view``, of which ``image`` was made, to be compared with images.
 
-    Args:
-        images: What it is compared with.
-        view: The frame.
-        image: Made of it.
-        num_registered: Points of it that are registered to the field; depth has the weight of as many.
-        kept: Compares points with an image.
-        config: Settings.
-        noise_per_m: Of the depth.
-        rng: Draws points.
+    Of its points ``num_registered`` are registered to the field; depth has the weight of as many.
     """
     points = draw_points(view, config.key_images.num_points, noise_per_m, config.registration.range_m, rng)
     depth_share = min(1.0, num_registered / max(1, len(points)))
@@ -122,3 +108,43 @@ def coarse_gray_at(image: KeyImage, points: FramePoints) -> Float32[np.ndarray, 
     row = (fy * points.camera_m[:, 1] / depth + cy) / COARSE - 0.5
     values = ndimage.map_coordinates(image.coarse.astype(np.float32), (row, col), order=1, mode="nearest")
     return values / np.float32(255.0)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Result of :func:`measured`."""
+
+    T_world_camera: Float64[np.ndarray, "4 4"]
+    """Where the image puts the camera of the points."""
+    information: Float64[np.ndarray, "6 6"]
+    """Of the displacement and the rotation vector, in the world."""
+    overlap: float
+    """Share of the points that the image shows, in [0, 1]."""
+    fit: float
+    """How well these fit, in [0, 1]: the mean of their robust weights."""
+
+
+def measured(
+    compared: FrameToImages,
+    T_start: Float[np.ndarray, "4 4"],
+    covariance: Float64[np.ndarray, "k k"],
+    basis: Float64[np.ndarray, "6 k"],
+    config: GraphConfig,
+) -> Measured:
+    """Register a frame's points to one image, from a start that is believed as little as its covariance says, by the
+    directions of ``basis`` as of :class:`~.registration.Prior`.
+    """
+    prior = np.linalg.inv(covariance)
+    T = np.asarray(T_start, np.float64)
+    for iteration in range(config.iterations):
+        share = min(1.0, iteration / max(1, config.iterations - 2))
+        kernel = config.first_kernel * (config.kernel / config.first_kernel) ** share
+        sums = compared(T, kernel, share < 1.0)
+        offset = basis.T @ camera_motion(T_start, T)
+        hessian = config.information * (basis.T @ sums.hessian @ basis) + prior
+        slope = config.information * (basis.T @ sums.gradient) + prior @ offset
+        T = moved_camera(T, basis @ np.linalg.solve(hessian, -slope))
+    sums = compared(T, config.kernel, False)
+    # Geman and McClure's cost saturates: what it lacks of the worst is how well the points fit.
+    fit = 1.0 - sums.cost / (sums.num_points * config.kernel**2) if sums.num_points else 0.0
+    return Measured(T, config.information * sums.hessian, sums.num_points / max(1, len(compared)), fit)

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.frame_to_images import FrameToImages, measured
 from anm_mj.localisation.key_images import KeyImage
-from anm_mj.localisation.keyframe_edges import measured
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.registration import Prior
 from anm_mj.localisation.registration_starts import rotation_search
@@ -30,15 +29,9 @@ class ImageOdometry:
         self._last = image
 
     def follow(self, compared: FrameToImages, prior: Prior, *, doubtful: bool) -> Prior | None:
-        """The prior of a frame with the motion that its image and the last one show in place of the expected one.
-
-        Args:
-            compared: Compares the frame with images.
-            prior: Of the frame, from the pose and covariance of the last one.
-            doubtful: Whether the expected motion may be farther off than its covariance says.
-
-        Returns:
-            None where the images show too little of each other, or do not fit.
+        """The prior of a frame with the motion that its image and the last one show in place of the expected one, which
+        may be farther off than its covariance says where it is ``doubtful``. None where the images show too little of
+        each other, or do not fit.
         """
         if self._last is None or prior.motion_covariance is None:
             return None

@@ -8,6 +8,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float16, Float32, Float64, UInt8
@@ -15,7 +16,6 @@ from scipy import ndimage
 
 from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
-from anm_mj.localisation.registration import Sums
 from anm_mj.localisation.se3 import carried
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import View
@@ -39,6 +39,19 @@ _NEARNESS = 0.05
 _MOST_SCALE = 2.0
 """What is seen from more than so many times the distance looks otherwise."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+class Sums(NamedTuple):
+    """Normal equations of a frame's points, and what they come from."""
+
+    hessian: Float64[np.ndarray, "6 6"]
+    gradient: Float64[np.ndarray, "6"]
+    cost: float
+    """Robust cost, in squared standard deviations."""
+    num_points: float
+    """Points that took part; the others cost as much as the worst of outliers."""
+    mean_gray_cost: float
+    """Of a point's grey value, in squared standard deviations."""
 
 
 @dataclass
@@ -106,15 +119,8 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
         depth = smoothed_depth(depth, radius, noise_per_m)
     with np.errstate(over="ignore"):
         half = depth.astype(np.float16)
-    return KeyImage(
-        half,
-        np.rint(gray).astype(np.uint8),
-        coarse_gray(gray),
-        camera,
-        observation.T_world_camera,
-        observation.step,
-        radius_px=radius,
-    )
+    fine, T_world_camera = np.rint(gray).astype(np.uint8), observation.T_world_camera
+    return KeyImage(half, fine, coarse_gray(gray), camera, T_world_camera, observation.step, radius_px=radius)
 
 
 def _picked(k: Intrinsics, longest_px: int) -> tuple[int, tuple[slice, slice]]:
@@ -151,20 +157,15 @@ class KeyImages:
         self._reference: tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"]] | None = None
         """Pose of an earlier frame that shows the same part of the map as the present one, and its covariance."""
 
-    def see(self, image: KeyImage) -> None:
-        """Take a frame whose pose is known as the last one, until the next."""
+    def see(self, image: KeyImage | None) -> None:
+        """Take a frame whose pose is known as the last one, until the next; None = that does not follow a known one."""
         self._last = image
-
-    def forget_last(self) -> None:
-        """The next frame does not follow a known one."""
-        self._last = None
 
     def add(
         self, observation: Observation, noise_per_m: float, covariance: Float[np.ndarray, "6 6"] | None = None
     ) -> None:
-        """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square.
-
-        ``covariance`` is that of the pose in the world; None = it is exact.
+        """Keep a frame whose pose is known, with its covariance in the world, None = it is exact. The sensor's depth
+        deviates by ``noise_per_m`` times its square.
         """
         image = self._last
         if image is None or image.T_world_camera is not observation.T_world_camera:
@@ -189,7 +190,7 @@ class KeyImages:
         ``slack_m`` is by how far the pose may be off [m]: near a wall that is a large share of the depth.
         """
         config = self.config
-        near = [self.images[k] for k in self._near(T_world_camera)]
+        near = self._near(T_world_camera)
         late = near[-_LATEST_TRIED:] + ([] if self._last is None else [self._last])
         early = near[:_MOST_TRIED] if config.num_images > 1 else []
         share = _shares_in([*early, *late], points, T_world_camera, slack_m)
@@ -207,7 +208,7 @@ class KeyImages:
         last frame is none: its covariance holds that of the map already, which would be added again with every frame.
         """
         kept = [image for image in images if image is not self._last]
-        kept = kept or [self.images[k] for k in self._near(T_world_camera)]
+        kept = kept or self._near(T_world_camera)
         if kept:
             self._reference = kept[0].T_world_camera, kept[0].covariance
 
@@ -220,17 +221,17 @@ class KeyImages:
 
     def shares(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[tuple[float, KeyImage]]:
         """Which share of a frame's points each image shows, of those that were taken near enough."""
-        near = [self.images[k] for k in self._near(T_world_camera)]
+        near = self._near(T_world_camera)
         return list(zip(_shares_in(near, points, T_world_camera), near, strict=True))
 
-    def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[int]:
+    def _near(self, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
         """Images that were taken near a camera, in a like direction, the oldest first."""
         if not self.images:
             return []
         poses = np.stack([image.T_world_camera for image in self.images])
         apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
         alike = poses[:, :3, 2] @ T_world_camera[:3, 2] >= self.config.least_cosine
-        return np.flatnonzero((apart <= self.config.most_apart_m) & alike).tolist()
+        return [self.images[k] for k in np.flatnonzero((apart <= self.config.most_apart_m) & alike).tolist()]
 
     def equations(
         self,
@@ -250,29 +251,13 @@ class KeyImages:
         others. ``gray`` are the points' grey values in [0, 1]; with ``coarse`` those as of :attr:`KeyImage.coarse`, to
         be compared with these. ``depth_share`` is what their depth counts beside grey values.
         """
-        config = self.config
-        settings = np.array(
-            [
-                config.deviation_m,
-                kernel,
-                config.reach_m,
-                config.edge_share,
-                config.gray_deviation,
-                config.gray_kernel,
-                1.0 / COARSE if coarse else 1.0,
-                noise_per_m if math.isfinite(noise_per_m) else 0.0,
-            ]
-        )
-        hessian, gradient, facts = _native.frame_to_frames(
-            points.camera_m,
-            gray,
-            points.variance_m2,
-            points.trust,
-            [image.arrays(coarse) for image in images],
-            T_world_camera,
-            depth_share,
-            settings,
-        )
+        config, scale = self.config, 1.0 / COARSE if coarse else 1.0
+        noise = noise_per_m if math.isfinite(noise_per_m) else 0.0
+        distances = config.deviation_m, kernel, config.reach_m, config.edge_share
+        settings = np.array([*distances, config.gray_deviation, config.gray_kernel, scale, noise])
+        seen = points.camera_m, gray, points.variance_m2, points.trust
+        arrays = [image.arrays(coarse) for image in images]
+        hessian, gradient, facts = _native.frame_to_frames(*seen, arrays, T_world_camera, depth_share, settings)
         cost, num_points, gray_cost = (facts / len(images)).tolist()
         return Sums(hessian, gradient, cost, num_points, gray_cost)
 

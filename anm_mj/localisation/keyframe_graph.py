@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.localisation.frame_to_images import FrameToImages
-from anm_mj.localisation.headings import Headings
+from anm_mj.localisation.frame_to_images import FrameToImages, measured
 from anm_mj.localisation.key_images import KeyImage, KeyImages
-from anm_mj.localisation.keyframe_edges import measured
 from anm_mj.localisation.localisation_config import GraphConfig
 from anm_mj.localisation.pose_graph import Edge, chi_squares, optimised
 from anm_mj.localisation.registration import Prior
 from anm_mj.localisation.se3 import moved_camera
+from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 
 _TRIAL_ITERATIONS = 2
@@ -48,12 +47,8 @@ class KeyframeGraph:
     """Adds keyframes to a pose graph and adjusts it."""
 
     def __init__(self, config: GraphConfig, images: KeyImages, basis: Float64[np.ndarray, "6 k"]) -> None:
-        """Without any keyframe.
-
-        Args:
-            config: Settings.
-            images: Holds the keyframes' images; those that it gives up are registered to no more.
-            basis: Directions of motion, as of :class:`~.registration.Prior`.
+        """Without any keyframe; ``basis`` as of :class:`~.registration.Prior`. Keyframes whose images are given up by
+        ``images`` are registered to no more.
         """
         self.config = config
         self.poses = np.zeros((0, 4, 4))
@@ -76,13 +71,10 @@ class KeyframeGraph:
         motion: Prior | None,
         headings: Headings | None = None,
     ) -> Correction | None:
-        """Add the frame that was last kept as a key image; returns which poses change by it.
+        """Add the frame that was last kept as a key image, at its estimated pose; returns which poses change by it.
 
-        Args:
-            compared: Compares its points with images.
-            T_world_camera: Its estimated pose.
-            motion: What odometry says of its pose, from that of the keyframe before; None = nothing.
-            headings: What walls say of its heading; None = nothing.
+        ``motion`` is what odometry says of its pose, from that of the keyframe before, ``headings`` what walls say of
+        its heading; None = nothing.
         """
         node = len(self.poses)
         self.poses = np.concatenate((self.poses, T_world_camera[None]))
@@ -90,9 +82,8 @@ class KeyframeGraph:
         if not node:
             return None
         if motion is not None:
-            self.edges.append(
-                self._edge(node - 1, node, motion.T_world_camera, self._full(np.linalg.inv(motion.covariance)))
-            )
+            information = self._basis @ np.linalg.inv(motion.covariance) @ self._basis.T
+            self.edges.append(self._edge(node - 1, node, motion.T_world_camera, information))
         if headings is not None:
             self.headings += self._heading_edges(headings, node)
         near, old = self._chosen(compared.points, T_world_camera, node)
@@ -115,15 +106,19 @@ class KeyframeGraph:
         closed = self.config.loops and (self._take_loops(loops) or (returned and self._closes()))
         if not closed and not self.config.adjust:
             return None
-        fixed = np.zeros(node + 1, bool)
-        fixed[: 1 if closed else max(1, node + 1 - self.config.window)] = True
+        num_fixed = 1 if closed else max(1, node + 1 - self.config.window)
         before = self.poses
-        self.poses = optimised(before, [*self.edges, *self.headings], fixed, self._basis)
-        free = np.flatnonzero(~fixed)
+        self.poses = self._optimised(self.edges, num_fixed=num_fixed)
+        free = np.arange(num_fixed, node + 1)
         for image in self._images.images:
             if image.node >= 0:
                 image.T_world_camera = self.poses[image.node]
         return Correction(tuple(free.tolist()), self.poses[free], before[free], closed)
+
+    def _optimised(self, edges: list[Edge], iterations: int = 10, num_fixed: int = 1) -> Float64[np.ndarray, "n 4 4"]:
+        """The poses that some edges and the walls ask for; the first ones stay."""
+        fixed = np.arange(len(self.poses)) < num_fixed
+        return optimised(self.poses, [*edges, *self.headings], fixed, self._basis, iterations)
 
     def _closes(self) -> bool:
         """Whether all measurements together ask for a correction that the map should follow.
@@ -134,9 +129,7 @@ class KeyframeGraph:
         self._num_returned += 1
         if self._num_returned % self.config.loop_every:
             return False
-        fixed = np.zeros(len(self.poses), bool)
-        fixed[0] = True
-        poses = optimised(self.poses, [*self.edges, *self.headings], fixed, self._basis, _TRIAL_ITERATIONS)
+        poses = self._optimised(self.edges, _TRIAL_ITERATIONS)
         return bool(np.linalg.norm((poses - self.poses)[:, :3, 3], axis=1).max() > self.config.rebuild_m)
 
     def _take_loops(self, edges: list[Edge]) -> bool:
@@ -152,9 +145,7 @@ class KeyframeGraph:
             return False
         fresh = [edge for some in self._pending for edge in some]
         trial = [*self.edges, *fresh]
-        fixed = np.zeros(len(self.poses), bool)
-        fixed[0] = True
-        poses = optimised(self.poses, [*trial, *self.headings], fixed, self._basis)
+        poses = self._optimised(trial)
         misfit = chi_squares(poses, fresh)
         strain = chi_squares(poses, self.edges) - chi_squares(self.poses, self.edges)
         # Those who follow are asked afresh.
@@ -198,6 +189,3 @@ class KeyframeGraph:
         T_first = self.poses[first]
         turn = np.kron(np.eye(2), T_first[:3, :3])
         return Edge(first, second, np.linalg.inv(T_first) @ T_world_second, turn.T @ information @ turn)
-
-    def _full(self, information: Float64[np.ndarray, "k k"]) -> Float64[np.ndarray, "6 6"]:
-        return self._basis @ information @ self._basis.T

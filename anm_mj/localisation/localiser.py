@@ -1,5 +1,8 @@
-"""The stage's border: observation and prior go in; estimated pose, covariance and quality come out."""
+"""The stage's border: observation and prior go in; estimated pose, covariance and quality come out. And what a robot
+does whose pose is not known.
+"""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -7,7 +10,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.types import MapUpdate, Observation
+from anm_mj.frames import pose_matrix, pose_of_matrix
+from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.types import Action, MapUpdate, Observation, Plan, Pose2, StopReason
+
+MOST_LOST_STEPS = 3 * NUM_HEADINGS
+"""A robot that is lost for longer, three whole rotations, gives up."""
 
 
 class TrackingState(StrEnum):
@@ -27,12 +35,8 @@ class RegistrationQuality:
     """Share of the frame's points that show surface which the map knows, in [0, 1]."""
     inliers: float
     """Share of the known points that fit, in [0, 1]; points off by two standard deviations count a quarter."""
-    rmse_m: float
-    """Root of the mean squared distance of those points to the surface, weighted as they fit [m]; NaN without any."""
     bound: int
-    """Directions of motion, of ``dof``, along which the frame tells more than the prior."""
-    dof: int
-    """Degrees of freedom: 3 for a base on the floor, 6 for a free camera."""
+    """Directions of motion along which the frame tells more than the prior."""
 
 
 def largest_deviations(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
@@ -90,3 +94,41 @@ class Localiser(Protocol):
             MapError: The map cannot be trained any further.
         """
         ...
+
+
+class BaseOfCamera:
+    """Tells the base's pose by that of the camera."""
+
+    REBUILT = ("_base_pose",)
+
+    def __init__(self, base_pose: Callable[[Float[np.ndarray, "4 4"]], Pose2] | None) -> None:
+        """Of a camera whose base ``base_pose`` gives; None = it is mounted as at the first frame."""
+        self._base_pose = base_pose
+        self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
+
+    def pose(self, observation: Observation, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
+        """The base's pose, for a frame whose camera was found at ``T_world_camera``."""
+        if self._base_pose is not None:
+            return self._base_pose(T_world_camera)
+        T_camera_base = self._T_camera_base
+        if T_camera_base is None or observation.image_age_s:
+            # With a late image the base has moved since, by what odometry says.
+            T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
+        if self._T_camera_base is None:
+            self._T_camera_base = T_camera_base
+        return pose_of_matrix(T_world_camera @ T_camera_base)
+
+
+def look_around(lost_steps: int) -> Plan | None:
+    """The next plan of a robot whose pose was known ``lost_steps`` ago the last time; None where it is known.
+
+    It turns on the spot until it is found, or gives up.
+    """
+    if not lost_steps:
+        return None
+    nowhere = np.zeros((0, 2))
+    if lost_steps > MOST_LOST_STEPS:
+        return Plan(
+            f"lost for {lost_steps} steps: no place in the map fits what the camera sees", nowhere, stop=StopReason.LOST
+        )
+    return Plan("lost: looks around until a place in the map fits", nowhere, actions=(Action.TURN_LEFT,) * 6)

@@ -25,18 +25,16 @@ class Odometer:
     REBUILT = ("_kinematics",)
 
     def __init__(self, kinematics: RobotKinematics, *, noise: float = 0.0, seed: int = 0):
-        """Start at the origin.
-
-        Args:
-            kinematics: of the robot.
-            noise: standard deviation of a wheel's measured rotation after one radian [rad].
-            seed: of the noise.
+        """Start at the origin. ``noise`` is the standard deviation of a wheel's measured rotation after one radian
+        [rad], ``seed`` is of it.
         """
         self._kinematics = kinematics
+        self._begin(2, noise, seed)
+
+    def _begin(self, num_angles: int, noise: float, seed: int) -> None:
         self._noise = noise
-        self._generator = np.random.default_rng(seed)
-        self._angles_rad = np.zeros(2)
-        self._pose = Pose2(0.0, 0.0, 0.0)
+        self.reseed(seed)
+        self.reset(Pose2(0.0, 0.0, 0.0), np.zeros(num_angles))
 
     @property
     def pose(self) -> Pose2:
@@ -77,10 +75,7 @@ class PlanarOdometer(Odometer):
 
     def __init__(self, *, noise: float = 0.0, seed: int = 0):
         """Start at the origin; see :class:`Odometer`."""
-        self._noise = noise
-        self._generator = np.random.default_rng(seed)
-        self._angles_rad = np.zeros(3)
-        self._pose = Pose2(0.0, 0.0, 0.0)
+        self._begin(3, noise, seed)
 
     def update(self, angles_rad: Float[np.ndarray, "3"]) -> None:
         """Integrate new positions of the joints: x [m], y [m], yaw [rad]."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -18,10 +18,6 @@ _STILL = 1e-5
 """The search ends with steps that move no pose by more [m, rad]."""
 _HOLD = 1e-6
 """Information that keeps every pose where it is, beside all edges [1/m^2, 1/rad^2]."""
-
-
-Poses = Sequence[Float[np.ndarray, "4 4"]] | Float[np.ndarray, "n 4 4"]
-"""Camera to world."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +33,7 @@ class Edge:
     kernel: float = 0.0
     """Width of Geman and McClure's kernel on the deviation, in standard deviations; 0 = none."""
 
-    def deviation(
-        self, poses: Sequence[Float[np.ndarray, "4 4"]] | Float[np.ndarray, "n 4 4"]
-    ) -> Float64[np.ndarray, "6"]:
+    def deviation(self, poses: Float64[np.ndarray, "n 4 4"]) -> Float64[np.ndarray, "6"]:
         """Of the second pose from where the first and the measurement put it, by displacement and rotation."""
         return camera_motion(poses[self.first] @ self.T_first_second, poses[self.second])
 
@@ -81,14 +75,10 @@ def optimised(
     basis: Float64[np.ndarray, "6 k"],
     iterations: int = 10,
 ) -> Float64[np.ndarray, "n 4 4"]:
-    """The poses that the edges ask for.
+    """The poses, camera to world, that the edges ask for, where one at least stays.
 
-    Args:
-        poses: Where the search begins, camera to world.
-        edges: What was measured; those between two fixed poses have no say.
-        fixed: Which poses stay; one at least.
-        basis: Directions of motion of every pose, by displacement and rotation vector in the world.
-        iterations: Most steps.
+    Edges between two fixed poses have no say. ``basis`` are directions of motion of every pose, by displacement and
+    rotation vector in the world.
     """
     poses = poses.copy()
     free = np.flatnonzero(~fixed)

@@ -7,31 +7,26 @@ distances shrinks from step to step, so that a wrong start finds the surface and
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Float, Float64
 
-from anm_mj.localisation.frame_points import with_trust
-from anm_mj.localisation.headings import Headings
+from anm_mj.localisation.frame_to_images import FrameToImages
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.localiser import largest_deviations
+from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.se3 import camera_motion, moved_camera
-from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
+from anm_mj.localisation.wall_directions import Headings
+from anm_mj.mapping.alignment import FramePoints
 
-
-class Sums(NamedTuple):
-    """Normal equations of a frame's points, and what they come from."""
-
-    hessian: Float64[np.ndarray, "6 6"]
-    gradient: Float64[np.ndarray, "6"]
-    cost: float
-    """Robust cost, in squared standard deviations."""
-    num_points: float
-    """Points that took part; the others cost as much as the worst of outliers."""
-    mean_gray_cost: float
-    """Of a point's grey value, in squared standard deviations."""
+_COARSE_STEP = 3
+"""Of so many points one is registered at first."""
+PLANAR = np.eye(6)[:, [0, 1, 5]]
+"""Directions of motion of a base on the floor: along world x and y, and about z."""
+FREE = np.eye(6)
+"""Those of a camera in the hand."""
 
 
 class Fit(NamedTuple):
@@ -41,62 +36,6 @@ class Fit(NamedTuple):
     """In squared standard deviations."""
     share: float
     """Of these points among all."""
-
-
-@runtime_checkable
-class Extra(Protocol):
-    """What else a frame is compared with."""
-
-    def __len__(self) -> int:
-        """Points that are compared."""
-        ...
-
-    @property
-    def has_gray(self) -> bool:
-        """Whether grey values are compared, too."""
-        ...
-
-    def __call__(self, T_world_camera: Float[np.ndarray, "4 4"], kernel: float, coarse: bool) -> Sums:
-        """Sums over these points at a pose, with a width of the kernel in standard deviations.
-
-        ``coarse`` sums lead there from farther away.
-        """
-        ...
-
-    def every(self, step: int) -> Extra:
-        """The same of each ``step``-th of its points."""
-        ...
-
-    def subsample(self, num_points: int) -> Extra:
-        """The same of about so many points, compared with one frame alone."""
-        ...
-
-
-@runtime_checkable
-class Probe(Protocol):
-    """What a registration asks of a map; :class:`~.map_probe.MapProbe` answers."""
-
-    def align(
-        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
-    ) -> NormalEquations:
-        """Compare a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
-        ...
-
-    def known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which world points [m] lie at surface that was observed."""
-        ...
-
-    def contradicted(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-        """Share of a frame's points at a pose that the map contradicts, in [0, 1]."""
-        ...
-
-
-_COARSE_STEP = 3
-"""Of so many points one is registered at first."""
-PLANAR = np.eye(6)[:, [0, 1, 5]]
-"""Directions of motion of a base on the floor: along world x and y, and about z."""
-FREE = np.eye(6)
-"""Those of a camera in the hand."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +66,10 @@ class RegistrationProblem:
     """Pixels of the frame."""
     prior: Prior
     """What is known of its pose."""
-    probe: Probe
+    probe: MapProbe
     """The map."""
     config: RegistrationConfig
-    extra: Extra | None = None
+    extra: FrameToImages | None = None
     """What else adds to the normal equations."""
 
 
@@ -147,11 +86,8 @@ class Registration:
     """Mean robust weight of these."""
     colors: float
     """Mean robust weight of their colours; 1 without colours."""
-    rmse_m: float
-    """Root of the weighted mean squared distance [m]; NaN without points."""
     bound: int
     """Directions along which the frame tells more than the prior."""
-    iterations: int
     cost: float
     """Minus twice the logarithm of the likelihood, up to a constant of the frame."""
     fits: tuple[Fit, ...]
@@ -168,37 +104,15 @@ class Registration:
 
 
 def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | None = None) -> Registration:
-    """The most likely pose of a frame.
-
-    Args:
-        problem: The frame, and what its pose is sought by.
-        start: Camera pose where the search begins; None = at the prior.
-    """
+    """The most likely pose of a frame; the search begins at the camera pose ``start``, None = at the prior."""
     points, prior, config, extra = problem.points, problem.prior, problem.config, problem.extra
     basis = prior.basis
     information = np.linalg.inv(prior.covariance)
     T = prior.T_world_camera if start is None else start
     trusted = points
-    hessian = np.zeros_like(information)
 
     def fit(cost: float, num_points: float, among: int) -> Fit:
         return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, among))
-
-    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, list[Fit]]:
-        settings = config.settings(share)
-        found = problem.probe.align(trusted, T, settings)
-        full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
-        fits = [fit(found.facts[0, 0], found.facts[0, 2], len(points))]
-        if extra is not None:
-            more = extra(T, settings.kernel, share < 1.0)
-            full, slope = full + more.hessian, slope + more.gradient
-            fits.append(fit(more.cost, more.num_points, len(extra)))
-        full, slope = config.information * full, config.information * slope
-        if prior.headings is not None:
-            headings = prior.headings.sums(T, share)
-            full[5, 5] += headings.information
-            slope[5] += headings.slope
-        return found, basis.T @ full @ basis, basis.T @ slope, fits
 
     # While the kernel is wide, fewer points find the place.
     all_points, all_extra = points, extra
@@ -209,9 +123,24 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         if iteration == coarse_iterations:
             points, extra = all_points, all_extra
         if iteration in (0, coarse_iterations):
-            trusted = with_trust(points, problem.probe.known(_world(points, T)))
+            world_m = points.camera_m @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)
+            known = problem.probe.known(world_m)
+            trusted = replace(points, trust=points.trust * known.astype(np.float32))
         share = min(1.0, iteration / config.shrink_iterations) if config.shrink_iterations else 1.0
-        equations, hessian, gradient, fits = sums(T, share)
+        settings = config.settings(share)
+        equations = problem.probe.align(trusted, T, settings)
+        full, slope = equations.hessian.sum(axis=0), equations.gradient.sum(axis=0)
+        fits = [fit(equations.facts[0, 0], equations.facts[0, 2], len(points))]
+        if extra is not None:
+            more = extra(T, settings.kernel, share < 1.0)
+            full, slope = full + more.hessian, slope + more.gradient
+            fits.append(fit(more.cost, more.num_points, len(extra)))
+        full, slope = config.information * full, config.information * slope
+        if prior.headings is not None:
+            headings = prior.headings.sums(T, share)
+            full[5, 5] += headings.information
+            slope[5] += headings.slope
+        hessian, gradient = basis.T @ full @ basis, basis.T @ slope
         offset = basis.T @ camera_motion(prior.T_world_camera, T)
         if iteration >= config.iterations:
             break
@@ -222,13 +151,11 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         T = moved_camera(T, step)
         iteration += 1
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
-    distance = equations.distance_m[np.isfinite(equations.distance_m)]
-    cut = 2.0 * config.field_deviation_m
-    close = distance[np.abs(distance) < 3 * cut]
-    rmse = float(np.sqrt(np.mean(close**2))) if len(close) else float("nan")
     prior_cost = float(offset @ information @ offset)
     heading_cost = 0.0 if prior.headings is None else prior.headings.sums(T).cost
-    worst = config.settings(share).kernel ** 2
+    worst = settings.kernel**2
+    shared = sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
+    of_points = config.information * len(points) * shared
     root = np.linalg.cholesky(prior.covariance)
     gain = np.linalg.eigvalsh(root.T @ hessian @ root)
     return Registration(
@@ -237,19 +164,9 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         float(np.count_nonzero(trusted.trust)) / max(1, len(points)),
         weight / count if count else 0.0,
         float(equations.facts[1, 1]) / weight if weight and config.color_deviation else 1.0,
-        rmse,
         int(np.count_nonzero(gain > 1.0)),
-        iteration,
-        config.information
-        * len(points)
-        * sum(each.share * each.mean_cost + (1.0 - each.share) * worst for each in fits)
-        + prior_cost
-        + heading_cost,
+        of_points + prior_cost + heading_cost,
         tuple(fits),
         prior_cost,
         heading_cost,
     )
-
-
-def _world(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
-    return points.camera_m @ T_world_camera[:3, :3].T.astype(np.float32) + T_world_camera[:3, 3].astype(np.float32)

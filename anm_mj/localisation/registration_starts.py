@@ -10,8 +10,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.key_images import Sums
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import Extra, Prior, Registration, RegistrationProblem, register
+from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
@@ -24,12 +26,8 @@ _MOST_TURN_RAD = 0.03
 
 
 def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.random.Generator) -> Registration:
-    """The likeliest pose of a frame, sought from where its prior and its doubts ask for.
-
-    Args:
-        problem: The frame, and what its pose is sought by.
-        costs: A point's, of the last frames.
-        rng: Draws starts.
+    """The likeliest pose of a frame, sought from where its prior and its doubts ask for; ``costs`` are those of a point
+    of the last frames.
     """
     extra, config = problem.extra, problem.config
     found = register(problem, None if extra is None else rotation_search(problem.prior, extra, config))
@@ -39,7 +37,7 @@ def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.ran
     return found
 
 
-def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
+def rotation_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
     """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
 
     A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
@@ -54,16 +52,18 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
         T = moved_camera(prior.T_world_camera, prior.basis @ offset)
         sums = few(T, config.first_kernel, True)
         # Off the right place depth says more about the displacement than about the rotation, and leads astray.
-        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
         walls = 0.0 if headings is None else headings.sums(T).cost
-        return config.information * len(extra) * mean + float(offset @ information @ offset) + walls, sums.num_points
+        cost = config.information * len(extra) * _mean_cost(extra, sums) + float(offset @ information @ offset) + walls
+        return cost, sums.num_points
 
     best = np.zeros(len(prior.covariance))
     for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
         deviation = float(np.sqrt(prior.covariance[axis, axis]))
         if deviation < config.search_least_rad:
             continue
-        turns = np.linspace(-3.0, 3.0, 2 * _steps(3.0 * deviation) + 1) * deviation
+        # Pictures that are farther apart have nothing to follow.
+        steps = min(max(6, math.ceil(3.0 * deviation / _MOST_TURN_RAD)), _MOST_STEPS)
+        turns = np.linspace(-3.0, 3.0, 2 * steps + 1) * deviation
         if headings is not None:
             # Headings are sharper than the spacing.
             turns = np.concatenate((turns, headings.turns_rad))
@@ -75,9 +75,9 @@ def rotation_search(prior: Prior, extra: Extra, config: RegistrationConfig) -> F
     return moved_camera(prior.T_world_camera, prior.basis @ best)
 
 
-def _steps(reach_rad: float) -> int:
-    """Into how many a rotation is divided: pictures that are farther apart have nothing to follow."""
-    return min(max(6, math.ceil(reach_rad / _MOST_TURN_RAD)), _MOST_STEPS)
+def _mean_cost(extra: FrameToImages, sums: Sums) -> float:
+    """Of a point, by its grey value where there is one."""
+    return sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
 
 
 def displacement_search(
@@ -88,20 +88,14 @@ def displacement_search(
     Before a near wall a centimetre is a few pixels, which is a picture's basin: a displacement along the wall has to be
     looked for. By grey values, if there are any: what slides out of view takes its cost in depth along.
 
-    Args:
-        problem: The frame, with the images.
-        T_world_camera: Where the search begins; its rotation is kept.
-
-    Returns:
-        The place that costs least; None if the displacement is known to some pixels, or there are no images.
+    The search begins at a pose, whose rotation is kept. None if the displacement is known to some pixels, or there are
+    no images.
     """
     prior, config, extra = problem.prior, problem.config, problem.extra
     if extra is None:
         return None
     few = extra.subsample(config.retry_points)
     free = np.flatnonzero(np.any(prior.basis[:3] != 0.0, axis=0))
-    if not len(free):
-        return None
     bound = prior.basis[:, free].T @ few(T_world_camera, config.kernel, False).hessian @ prior.basis[:, free]
     direction = np.zeros(len(prior.covariance))
     direction[free] = np.linalg.eigh(bound)[1][:, 0]
@@ -111,22 +105,18 @@ def displacement_search(
         return None
     information = np.linalg.inv(prior.covariance)
     begin = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
-    costs: list[float] = []
-    counts: list[float] = []
     count = min(math.ceil(6.0 * deviation / least), _MOST_STEPS)
-    steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1)
-    for step in steps.tolist():
-        sums = few(moved_camera(T_world_camera, prior.basis @ (step * direction)), config.kernel, False)
-        offset = begin + step * direction
-        mean = sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
-        costs.append(config.information * len(extra) * mean + float(offset @ information @ offset))
-        counts.append(sums.num_points)
+    steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1).tolist()
+    places = [moved_camera(T_world_camera, prior.basis @ (step * direction)) for step in steps]
+    tried = [few(place, config.kernel, False) for place in places]
+    offsets = [begin + step * direction for step in steps]
+    away = [float(offset @ information @ offset) for offset in offsets]
+    scale = config.information * len(extra)
+    costs = [scale * _mean_cost(extra, sums) + far for sums, far in zip(tried, away, strict=True)]
     # What slides out of view costs nothing, and says nothing.
-    seen = np.array(counts) >= max(1.0, 0.5 * max(counts))
-    if not seen.any():
-        return None
-    best = int(np.argmin(np.where(seen, costs, np.inf)))
-    return moved_camera(T_world_camera, prior.basis @ (float(steps[best]) * direction))
+    counts = np.array([sums.num_points for sums in tried])
+    seen = counts >= max(1.0, 0.5 * counts.max())
+    return places[int(np.argmin(np.where(seen, costs, np.inf)))] if seen.any() else None
 
 
 def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bool:
@@ -135,14 +125,7 @@ def is_jump(prior: Prior, found: Registration, config: RegistrationConfig) -> bo
 
 
 def may_be_wrong(prior: Prior, found: Registration, costs: Sequence[float], config: RegistrationConfig) -> bool:
-    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior.
-
-    Args:
-        prior: Of the frame.
-        found: Its registration.
-        costs: A point's, of the last frames.
-        config: Settings.
-    """
+    """Whether a registration may have ended in a false minimum: it costs more than usual, or is far from its prior."""
     position, rotation = prior.deviations
     vague = position > config.retry_least_m or rotation > config.retry_least_rad
     usual = statistics.median(costs) if costs else 0.0
@@ -156,7 +139,7 @@ def register_from_several(problem: RegistrationProblem, rng: np.random.Generator
     No more starts are drawn once several have led to the best place so far. Arguments as of :func:`registered`.
     """
     prior, config, extra = problem.prior, problem.config, problem.extra
-    few = _few(problem)
+    few = problem.points.about(config.retry_points)
     quick = replace(problem, points=few, extra=extra and extra.every(max(1, len(extra) // config.retry_points)))
 
     def cost(found: Registration) -> float:
@@ -191,14 +174,9 @@ def register_displaced(problem: RegistrationProblem, first: Registration) -> Reg
     if start is None:
         return first
     found = register(replace(problem, config=replace(problem.config, shrink_iterations=0)), start)
-    few = _few(problem)
+    few = problem.points.about(problem.config.retry_points)
     is_likelier = _cost_beside(problem, few, first, found) < _cost_beside(problem, few, first, first)
     return found if is_likelier else first
-
-
-def _few(problem: RegistrationProblem) -> FramePoints:
-    """Some points of a frame, by which registrations are compared."""
-    return problem.points.every(max(1, len(problem.points) // problem.config.retry_points))
 
 
 def _cost_beside(problem: RegistrationProblem, few: FramePoints, first: Registration, found: Registration) -> float:

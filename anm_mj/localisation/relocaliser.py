@@ -14,13 +14,11 @@ from jaxtyping import Float
 
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
 from anm_mj.localisation.floor_plane import pose_above_floor
-from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.map_probe import MapProbe
+from anm_mj.localisation.localisation_config import LocalisationConfig, RelocalisationConfig
+from anm_mj.localisation.map_probe import Agreement, MapProbe
 from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
-from anm_mj.localisation.relocalisation_scores import Hypothesis, believable, frame_score
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.depth_occupancy import DepthOccupancy
 
 _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
 """Hypotheses that are nearer to each other are one."""
@@ -32,6 +30,31 @@ _HEIGHT_M = 0.1
 """Cameras whose heights differ by less share a grid of distances [m]."""
 _FLOOR_M = 0.1
 """World z above which the camera's stand needs free space [m]."""
+_DOUBT_FRAMES = 2
+"""Frames of half a score that every hypothesis begins with."""
+
+
+@dataclass
+class Hypothesis:
+    """A place where the camera may be."""
+
+    T_world_camera: Float[np.ndarray, "4 4"]
+    score: float = 0.0
+    """Sum over frames of how well each fits, each in [0, 1]."""
+    num_frames: int = 0
+    found: Registration | None = None
+    expected: bool = False
+    """Whether it is where the camera would be, had it not been lost."""
+
+    @property
+    def mean(self) -> float:
+        """Mean of the frames' scores."""
+        return self.score / max(1, self.num_frames)
+
+    @property
+    def sobered(self) -> float:
+        """The same with a few indifferent frames added, so that one good frame alone makes no good place."""
+        return (self.score + 0.5 * _DOUBT_FRAMES) / (self.num_frames + _DOUBT_FRAMES)
 
 
 @dataclass
@@ -46,9 +69,13 @@ class _PastFrame:
 class Relocaliser:
     """Holds the hypotheses of a lost camera."""
 
-    def __init__(self, config: LocalisationConfig) -> None:
-        """Start without any hypothesis."""
+    REBUILT = ("_probe",)
+
+    def __init__(self, config: LocalisationConfig, basis: Float[np.ndarray, "6 k"], probe: MapProbe) -> None:
+        """Start without any hypothesis, in a map; ``basis`` as of :class:`~.registration.Prior`."""
         self.config = config
+        self._basis, self._probe = basis, probe
+        self._is_free = basis.shape[1] == len(basis)
         self.hypotheses: list[Hypothesis] = []
         self._past: list[_PastFrame] = []
         """The last frames that were looked at, the present one included."""
@@ -63,18 +90,12 @@ class Relocaliser:
         """By the camera's height, in steps of ``_HEIGHT_M``."""
 
     def restart(
-        self,
-        T_expected: Float[np.ndarray, "4 4"] | None = None,
-        *,
-        has_odometry: bool = False,
-        followed: bool = False,
+        self, T_expected: Float[np.ndarray, "4 4"] | None = None, *, has_odometry: bool = False, followed: bool = False
     ) -> None:
         """Forget all hypotheses, and the map's distances.
 
-        Args:
-            T_expected: Where the camera would be, had it not been lost; None = nobody knows.
-            has_odometry: Whether odometry tells how it moves on from there; a camera in the hand may go anywhere,
-            followed: unless images show each motion since it was not lost.
+        Where the camera would be, had it not been lost, is known if ``T_expected`` is, and if odometry tells how it
+        moves on from there, or it is ``followed``: images show each motion since it was not lost.
         """
         self.hypotheses = [] if T_expected is None else [Hypothesis(T_expected, expected=True)]
         self._T_expected = T_expected if has_odometry or followed else None
@@ -105,33 +126,30 @@ class Relocaliser:
         self,
         points: FramePoints,
         tilts: Sequence[Float[np.ndarray, "4 4"]],
-        basis: Float[np.ndarray, "6 k"],
-        probe: MapProbe,
+        rng: np.random.Generator,
         usual_score: float = math.nan,
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
 
-        Args:
-            points: Of the frame.
-            tilts: Camera poses, each with a height and tilt that it may have.
-            basis: Directions of motion, as of :class:`~.registration.Prior`.
-            probe: The map.
-            usual_score: As of :func:`~.relocalisation_scores.believable`.
+        The camera may have the heights and tilts of the poses ``tilts``; one that moves freely that which the floor in
+        the frame tells, too. ``usual_score`` as of :func:`believable`.
         """
         config = self.config.relocalisation
-        near = FramePoints(*(each[points.camera_m[:, 2] <= config.range_m] for each in _fields(points)))
+        is_near = points.camera_m[:, 2] <= config.range_m
+        near = FramePoints(*(each[is_near] for each in vars(points).values()))
         if len(near) < config.search_points:
             return None
+        floor = pose_above_floor(points.camera_m, rng) if self._is_free else None
         for hypothesis in self.hypotheses:
-            self._register(hypothesis, points, basis, probe)
-        is_free = basis.shape[1] == len(basis)
-        for T_tilt in tilts if len(self.hypotheses) < config.candidates else ():
+            self._register(hypothesis, points)
+        every = [*tilts] if floor is None else [*tilts, floor]
+        for T_tilt in every if len(self.hypotheses) < config.candidates else ():
             T_level = level(T_tilt)
-            for value, T in search(near, T_level, self._grid(probe.occupancy, float(T_level[2, 3]), is_free), config):
+            for value, T in search(near, T_level, self._grid(float(T_level[2, 3])), config):
                 if value > config.most_distance_m:
                     break
                 fresh = Hypothesis(T)
-                self._register(fresh, points, basis, probe)
+                self._register(fresh, points)
                 if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
                     self.hypotheses.append(fresh)
         self._prune()
@@ -140,76 +158,64 @@ class Relocaliser:
         T_expected = self.T_expected
         believed = believable(self.hypotheses, config, usual_score, T_expected)
         # Without odometry nobody knows where a camera in the hand was before.
-        while believed is not None and not is_free:
+        while believed is not None and not self._is_free:
             missed = self._past[: -believed.num_frames]
             if not missed:
                 break
             for past in missed:
                 T_then = believed.T_world_camera @ np.linalg.inv(past.T_then_now)
-                found = register(self._problem(past.points, T_then, basis, probe))
-                believed.score += self._score(past.points, found, probe)
+                believed.score += self._score(past.points, register(self._problem(past.points, T_then)))
             believed.num_frames += len(missed)
             believed = believable(self.hypotheses, config, usual_score, T_expected)
-        if believed is not None and self._is_local(believed, points, basis, probe):
+        if believed is not None and self._is_local(believed, points):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
             return None
         return believed
 
-    def _grid(self, occupancy: DepthOccupancy, height_m: float, is_free: bool) -> DistanceGrid:
+    def _grid(self, height_m: float) -> DistanceGrid:
         """The map's distances for cameras at a height; below one that moves freely, there may be anything."""
         step = round(height_m / _HEIGHT_M)
         if step not in self._grids:
-            config = self.config.relocalisation
-            floor_m = height_m if is_free else _FLOOR_M
-            self._grids[step] = distance_grid(occupancy.grid, height_m, floor_m, config.range_m * 2.0, config)
+            config, grid = self.config.relocalisation, self._probe.occupancy.grid
+            floor_m = height_m if self._is_free else _FLOOR_M
+            self._grids[step] = distance_grid(grid, height_m, floor_m, config.range_m * 2.0, config)
         return self._grids[step]
 
-    def _is_local(
-        self, hypothesis: Hypothesis, points: FramePoints, basis: Float[np.ndarray, "6 k"], probe: MapProbe
-    ) -> bool:
+    def _is_local(self, hypothesis: Hypothesis, points: FramePoints) -> bool:
         """Whether a frame fits better a step aside, where the hypothesis then goes."""
-        config = self.config.relocalisation
-        problem = self._problem(points, hypothesis.T_world_camera, basis, probe)
+        aside_m = self.config.relocalisation.spacing_m
+        problem = self._problem(points, hypothesis.T_world_camera)
         here = best = register(problem)
         for axis in range(2):
-            for side in (-config.spacing_m, config.spacing_m):
-                start = moved_camera(hypothesis.T_world_camera, side * np.eye(6)[axis])
-                other = register(problem, start)
+            for side in (-aside_m, aside_m):
+                other = register(problem, moved_camera(hypothesis.T_world_camera, side * np.eye(6)[axis]))
                 best = min(best, other, key=lambda each: each.cost)
         change = camera_motion(here.T_world_camera, best.T_world_camera)
         if np.linalg.norm(change[:3]) <= _ASIDE_M:
             hypothesis.T_world_camera = best.T_world_camera
             return False
         # The field alone may fit better where the walls do not: what decides between places decides here too.
-        if self._score(points, best, probe) <= self._score(points, here, probe):
+        if self._score(points, best) <= self._score(points, here):
             return False
         hypothesis.T_world_camera = best.T_world_camera
         return True
 
-    def _register(
-        self, hypothesis: Hypothesis, points: FramePoints, basis: Float[np.ndarray, "6 k"], probe: MapProbe
-    ) -> None:
-        found = register(self._problem(points, hypothesis.T_world_camera, basis, probe))
+    def _register(self, hypothesis: Hypothesis, points: FramePoints) -> None:
+        found = register(self._problem(points, hypothesis.T_world_camera))
         hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
-        hypothesis.score += self._score(points, found, probe)
+        hypothesis.score += self._score(points, found)
         hypothesis.num_frames += 1
 
-    def _problem(
-        self,
-        points: FramePoints,
-        T_world_camera: Float[np.ndarray, "4 4"],
-        basis: Float[np.ndarray, "6 k"],
-        probe: MapProbe,
-    ) -> RegistrationProblem:
+    def _problem(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> RegistrationProblem:
         """A frame, seen from about a place."""
-        config = self.config.relocalisation
+        config, basis = self.config.relocalisation, self._basis
         deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
         prior = Prior(T_world_camera, basis.T @ np.diag(deviations**2) @ basis, basis)
-        return RegistrationProblem(points, prior, probe, config.registration(self.config.registration))
+        return RegistrationProblem(points, prior, self._probe, config.registration(self.config.registration))
 
-    def _score(self, points: FramePoints, found: Registration, probe: MapProbe) -> float:
-        fits = probe.agreement(points, found.T_world_camera)
+    def _score(self, points: FramePoints, found: Registration) -> float:
+        fits = self._probe.agreement(points, found.T_world_camera)
         return frame_score(fits, found, self.config.relocalisation)
 
     def _prune(self) -> None:
@@ -224,21 +230,45 @@ class Relocaliser:
         self.hypotheses = kept[: self.config.relocalisation.candidates]
 
 
-def possible_tilts(
-    tilts: Sequence[Float[np.ndarray, "4 4"]],
-    points: FramePoints,
-    basis: Float[np.ndarray, "6 k"],
-    rng: np.random.Generator,
-) -> list[Float[np.ndarray, "4 4"]]:
-    """Camera poses with the heights and tilts that a lost camera may have: usual ones, and what the floor tells of a
-    camera that moves freely.
+def frame_score(fits: Agreement, found: Registration, config: RelocalisationConfig) -> float:
+    """How well a frame fits where it was registered, in [0, 1]."""
+    # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
+    certain = min(1.0, fits.known / config.least_known)
+    # Rooms of one shape are told apart by their colours, which light changes.
+    return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
+
+
+def believable(
+    hypotheses: Sequence[Hypothesis],
+    config: RelocalisationConfig,
+    usual_score: float = math.nan,
+    T_expected: Float[np.ndarray, "4 4"] | None = None,
+) -> Hypothesis | None:
+    """The hypothesis that enough frames confirm while no other is nearly as good, if there is one.
+
+    Buildings have rooms that look alike, and a robot is lost more often than it is carried away: places that odometry
+    cannot explain do not compete with the one where odometry has the camera.
+
+    ``usual_score`` is what frames scored while the camera was tracked, NaN = nobody knows; ``T_expected`` where it
+    would be, had it not been lost, None = nobody knows, or it may have been carried.
     """
-    floor = pose_above_floor(points.camera_m, rng) if basis.shape[1] == len(basis) else None
-    return [*tilts] if floor is None else [*tilts, floor]
-
-
-def _fields(points: FramePoints) -> tuple[np.ndarray, ...]:
-    return points.camera_m, points.rgb, points.variance_m2, points.trust
+    near = hypotheses
+    if T_expected is not None:
+        near = [
+            each for each in hypotheses if math.dist(each.T_world_camera[:3, 3], T_expected[:3, 3]) <= config.carried_m
+        ]
+    if not near:
+        return None
+    best = max(near, key=lambda each: each.sobered)
+    least = config.least(usual_score) * (config.expected_share if best.expected else 1.0)
+    if best.num_frames < config.frames or best.mean < least:
+        return None
+    leads = (
+        (best.sobered - other.sobered) * math.sqrt(min(best.num_frames, other.num_frames) + _DOUBT_FRAMES)
+        for other in (near if best.expected else hypotheses)
+        if other is not best
+    )
+    return best if min(leads, default=math.inf) >= config.least_lead else None
 
 
 def _are_same(one: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> bool:

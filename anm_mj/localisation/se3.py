@@ -64,14 +64,18 @@ def camera_motion(
     return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turned))
 
 
-def carried(
-    T_world_from: Float[np.ndarray, "4 4"],
-    covariance: Float[np.ndarray, "6 6"],
-    T_world_to: Float[np.ndarray, "4 4"],
+def transition(
+    T_world_from: Float[np.ndarray, "4 4"], T_world_to: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "6 6"]:
-    """Covariance of a pose that stands to another one as if both were rigid, from that one's: an error of its rotation
-    is one of the place, too.
-    """
-    transition = np.eye(6)
-    transition[:3, 3:] = -skew(T_world_to[:3, 3] - T_world_from[:3, 3])
-    return transition @ covariance @ transition.T
+    """What a small change of a pose makes of another one that is rigid to it: a rotation moves that one, too."""
+    onward = np.eye(6)
+    onward[:3, 3:] = -skew(T_world_to[:3, 3] - T_world_from[:3, 3])
+    return onward
+
+
+def carried(
+    T_world_from: Float[np.ndarray, "4 4"], covariance: Float[np.ndarray, "6 6"], T_world_to: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "6 6"]:
+    """Covariance of a pose that stands to another one as if both were rigid, from that one's."""
+    onward = transition(T_world_from, T_world_to)
+    return onward @ covariance @ onward.T

@@ -1,4 +1,5 @@
-"""Which way the walls in a depth image face, far more exactly than any of its pixels tells.
+"""Which way the walls in a depth image face, far more exactly than any of its pixels tells, and what that says of the
+camera's heading.
 
 Over a plane, inverse depth is linear in the pixel. So a plane is fitted to each of many squares of the image, and those
 of one wall are added up: the normal of a wall of thousands of pixels comes out to a few hundredths of a degree.
@@ -7,10 +8,12 @@ of one wall are added up: the normal of a wall of thousands of pixels comes out 
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float, Float32, Float64
 
+from anm_mj.localisation.se3 import rotation_vector
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics
 
@@ -57,11 +60,8 @@ def wall_directions(
 ) -> list[WallDirection]:
     """Directions of the largest upright planes of an image; none if nothing flat stands upright there.
 
-    Args:
-        depth_m: Planar depth [m]; what is not finite and positive was not measured.
-        intrinsics: The camera's.
-        R_level_camera: From the camera's axes to those whose third one points up.
-        noise_per_m: Standard deviation of inverse depth [1/m].
+    Planar depth that is not finite and positive was not measured [m]; ``noise_per_m`` is the standard deviation of
+    inverse depth [1/m]. ``R_level_camera`` leads from the camera's axes to those whose third one points up.
     """
     noise = max(noise_per_m, _LEAST_NOISE_PER_M)
     squares = _Squares.of(depth_m, intrinsics)
@@ -160,3 +160,47 @@ def _sums(image: Float32[np.ndarray, "*c h w"]) -> Float64[np.ndarray, "*c n"]:
     cut = image[..., : rows * _SQUARE, : cols * _SQUARE]
     sums = cut.reshape(*lead, rows, _SQUARE, cols, _SQUARE).sum(axis=(-3, -1), dtype=np.float64)
     return sums.reshape(*lead, rows * cols)
+
+
+class HeadingSums(NamedTuple):
+    """Of a pose's rotation about the vertical."""
+
+    information: float
+    """[1/rad^2]"""
+    slope: float
+    """[1/rad]"""
+    cost: float
+    """Robust, in squared standard deviations."""
+
+
+@dataclass(frozen=True)
+class Headings:
+    """What walls say of a camera's heading."""
+
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """The pose that headings are counted from."""
+    turns_rad: tuple[float, ...]
+    """By how much each wall has the camera turned from there, about the vertical."""
+    deviations_rad: tuple[float, ...]
+    """Standard deviations of these."""
+    kernels: tuple[float, float]
+    """Widths of Geman and McClure's kernel at first and at the end of a search [standard deviations]."""
+
+    def sums(self, T_world_camera: Float[np.ndarray, "4 4"], share: float = 1.0) -> HeadingSums:
+        """What a pose's heading costs, and which way it costs less, a share in [0, 1] of the way between kernels."""
+        first, last = self.kernels
+        kernel = first * (last / first) ** share
+        turned = turned_rad(self.T_world_camera, T_world_camera)
+        information = slope = cost = 0.0
+        for turn, deviation in zip(self.turns_rad, self.deviations_rad, strict=True):
+            off = (turned - turn) / deviation
+            kept = kernel**2 / (kernel**2 + off**2)
+            information += (kept / deviation) ** 2
+            slope += kept**2 * off / deviation
+            cost += kept * off**2
+        return HeadingSums(information, slope, cost)
+
+
+def turned_rad(T_from: Float[np.ndarray, "4 4"], T_to: Float[np.ndarray, "4 4"]) -> float:
+    """By how much a pose is turned from another one about the vertical."""
+    return float(rotation_vector(T_to[:3, :3] @ T_from[:3, :3].T)[2])

@@ -35,6 +35,10 @@ class FramePoints:
         """Each ``step``-th of them."""
         return FramePoints(*(np.ascontiguousarray(part[::step]) for part in vars(self).values()))
 
+    def about(self, count: int) -> FramePoints:
+        """So many of them, or up to twice as many, evenly spread."""
+        return self.every(max(1, len(self) // count))
+
 
 class AlignSettings(NamedTuple):
     """How residuals are weighted."""

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.evaluation.completion import COVERED_M
-from anm_mj.evaluation.lost_surface import surface_lost_percent
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
+from anm_mj.evaluation.people_metrics import surface_lost_percent
 from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
 from anm_mj.io.explored_file import Explored, write_changes, write_explored

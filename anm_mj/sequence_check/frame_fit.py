@@ -12,7 +12,7 @@ from jaxtyping import Float64
 
 from anm_mj.io.sequence import ranges_text
 from anm_mj.localisation.frame_points import grid_points
-from anm_mj.localisation.occupancy_agreement import agreement
+from anm_mj.localisation.map_probe import agreement
 from anm_mj.types import Observation
 
 if TYPE_CHECKING:

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from anm_mj.bench.best_known import best_known, situation
 from anm_mj.bench.job import Job
-from anm_mj.bench.results_table import tidy_rows
+from anm_mj.bench.results_table import best_known, situation, tidy_rows
 from anm_mj.bench.run_result import Result, split_settings
 from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import BOUND

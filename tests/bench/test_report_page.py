@@ -1,8 +1,7 @@
 import numpy as np
 
-from anm_mj.bench.overview_figure import draw_overview
+from anm_mj.bench.figures import draw_overview, median_run
 from anm_mj.bench.run_result import drawn_variants
-from anm_mj.bench.scene_figure import median_run
 from anm_mj.viz.figure_file import KINDS
 from tests.bench.test_best_known import RISE, result
 

@@ -1,8 +1,8 @@
 import pytest
 
-from anm_mj.bench.bench_error import BenchError
 from anm_mj.bench.suite import suite_file
 from anm_mj.bench.sweep import read_sweeps
+from anm_mj.errors import BenchError
 
 
 def test_the_scenes_of_a_suite_are_known_by_their_names(tmp_path):

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from anm_mj.bench.job import PLATFORM
 from anm_mj.bench.statistics import (
-    PLATFORM,
     TASK,
     PairedDifference,
     bootstrap_interval,
@@ -12,6 +12,8 @@ from anm_mj.bench.statistics import (
     paired_difference,
     restricted_steps,
 )
+
+SAME = (*TASK, *PLATFORM)
 
 
 def rows(values, **platform):
@@ -33,10 +35,10 @@ def test_starts_are_averaged_within_their_scene():
     first = rows({("a", 0): 3.0, ("a", 1): 5.0, ("b", 0): 10.0})
     second = rows({("a", 0): 1.0, ("a", 1): 1.0, ("b", 0): 1.0, ("c", 0): 7.0})
 
-    difference = paired_difference(first, second, "auc")
+    difference = paired_difference(first, second, "auc", SAME)
 
     assert difference is not None
-    assert difference.mean == pytest.approx((3.0 + 9.0) / 2.0)
+    assert difference.by_scene.mean() == pytest.approx((3.0 + 9.0) / 2.0)
     assert (len(difference.by_scene), difference.num_pairs) == (2, 3)
     assert difference.p_value is None
     assert difference.without_one == (2.0 + 1.0, 9.0)
@@ -45,22 +47,22 @@ def test_starts_are_averaged_within_their_scene():
 def test_policies_are_compared_with_the_same_platform_only():
     first, second = rows({("a", 0): 3.0}), rows({("a", 0): 1.0}, sensor="d435i")
 
-    assert paired_difference(first, second, "auc") is None
+    assert paired_difference(first, second, "auc", SAME) is None
     difference = paired_difference(first, second, "auc", TASK)
 
     assert difference is not None
-    assert difference.mean == 2.0
+    assert difference.by_scene.mean() == 2.0
     assert difference.without_one is None
 
 
 def test_without_a_pair_there_is_no_difference():
-    assert paired_difference(rows({("a", 0): 1.0}), rows({("b", 0): 1.0}), "auc") is None
-    assert paired_difference(rows({("a", 0): None}), rows({("a", 0): 1.0}), "auc") is None
+    assert paired_difference(rows({("a", 0): 1.0}), rows({("b", 0): 1.0}), "auc", SAME) is None
+    assert paired_difference(rows({("a", 0): None}), rows({("a", 0): 1.0}), "auc", SAME) is None
 
 
 def test_equal_differences_have_a_certain_mean():
     first, second = rows({(s, 0): 4.0 for s in "abcdef"}), rows({(s, 0): 1.5 for s in "abcdef"})
-    difference = paired_difference(first, second, "auc")
+    difference = paired_difference(first, second, "auc", SAME)
     assert difference is not None
     assert bootstrap_interval(difference.by_scene) == (2.5, 2.5)
     assert difference.p_value == pytest.approx(2.0 / 2**6)

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.generated_scene import GeneratedScene, provide
-from anm_mj.bench.imported_scene import ImportedScene, find_imported
-from anm_mj.bench.suite import suite_file, suite_names
+from anm_mj.bench.suite import GeneratedScene, ImportedScene, find_imported, provide, suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.cli import command_line
 from anm_mj.cli.main import COMMANDS, PROGRAM

@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.evaluation import fixed_views as module
 from anm_mj.evaluation.fixed_views import fixed_views
-from anm_mj.evaluation.rendered_views import compare_views
+from anm_mj.evaluation.view_quality import compare_views
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.navigable import is_clear
 from anm_mj.types import DEFAULT_FOOTPRINT

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.compass import WallCompass
-from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.localisation_config import CompassConfig
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, RegistrationProblem, register
 from anm_mj.localisation.se3 import moved_camera
+from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import NormalEquations
 from anm_mj.types import Observation
 from tests.localisation.test_registration import CONFIG, FakeMap, frame

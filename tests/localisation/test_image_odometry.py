@@ -9,7 +9,7 @@ from anm_mj.localisation.frame_to_images import compared_with
 from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImages, key_image
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.motion import moved_by_odometry
+from anm_mj.localisation.motion import MotionModel
 from anm_mj.localisation.registration import PLANAR, Prior
 from anm_mj.localisation.se3 import camera_motion
 from anm_mj.types import Observation
@@ -22,8 +22,9 @@ TURN = math.radians(10.0)
 
 def expected(before: Observation, after: Observation) -> Prior:
     """By an odometry that measures the motion between two frames rightly if these state it rightly."""
-    poses = before.T_world_camera, BEFORE, PLANAR, before.T_world_camera, after.T_world_camera
-    return moved_by_odometry(*poses, CONFIG.motion)
+    model = MotionModel(CONFIG.motion, PLANAR, has_odometry=True)
+    model.move(np.eye(4), before.T_world_camera)
+    return model.prior(before.T_world_camera, BEFORE, after.T_world_camera)
 
 
 def followed(before: Observation, after: Observation, prior: Prior, *, doubtful: bool) -> Prior | None:

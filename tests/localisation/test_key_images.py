@@ -183,7 +183,7 @@ def test_the_last_frame_is_preferred_until_it_is_forgotten(room: Room) -> None:
     frame = room.observe(1.5, 1.5, 0.35, size=128)
     points = draw_points(frame, 300, 0.0, 8.0, np.random.default_rng(0))
     assert [image.step for image in kept.overlapping(points, frame.T_world_camera)] == [3]
-    kept.forget_last()
+    kept.see(None)
     assert [image.step for image in kept.overlapping(points, frame.T_world_camera)] == [0]
 
 

@@ -8,13 +8,13 @@ import pytest
 
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
-from anm_mj.localisation.headings import Headings
 from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.keyframe_graph import Correction, KeyframeGraph
 from anm_mj.localisation.localisation_config import GraphConfig, KeyImageConfig
 from anm_mj.localisation.pose_graph import Edge
 from anm_mj.localisation.registration import PLANAR, Prior
 from anm_mj.localisation.se3 import moved_camera
+from anm_mj.localisation.wall_directions import Headings
 from anm_mj.types import Observation
 from tests.mapping.ray_room import Room
 

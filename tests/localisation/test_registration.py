@@ -7,8 +7,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.key_images import Sums
 from anm_mj.localisation.localisation_config import RegistrationConfig
-from anm_mj.localisation.registration import PLANAR, Prior, RegistrationProblem, Sums, register
+from anm_mj.localisation.map_probe import MapProbe
+from anm_mj.localisation.registration import PLANAR, Prior, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import displacement_search, register_displaced, register_from_several
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
@@ -40,7 +43,7 @@ def align(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettin
     return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
 
 
-class FakeMap:
+class FakeMap(MapProbe):
     """A map that knows all places; the field and the poses at odds with it are given."""
 
     def __init__(self, align, contradicted=lambda _points, _T: 0.0) -> None:
@@ -101,10 +104,13 @@ def test_a_jump_is_not_taken() -> None:
     assert abs(far.T_world_camera[0, 3] - RIGHT_M) < 0.02
 
 
-class NarrowPicture:
+class NarrowPicture(FrameToImages):
     """An image before a wall along y: its grey values lead to the right place from 3 mm away, its depth to x alone."""
 
     has_gray = True
+
+    def __init__(self) -> None:
+        pass
 
     def __len__(self) -> int:
         return 3000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.localisation_config import RelocalisationConfig
-from anm_mj.localisation.relocalisation_scores import Hypothesis, believable
+from anm_mj.localisation.relocaliser import Hypothesis, believable
 
 CONFIG = RelocalisationConfig()
 

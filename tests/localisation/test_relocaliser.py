@@ -1,11 +1,14 @@
 """Where a lost camera is expected."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.map_probe import MapProbe
+from anm_mj.localisation.registration import PLANAR
 from anm_mj.localisation.relocaliser import Relocaliser
 
 CONFIG = LocalisationConfig()
@@ -16,7 +19,7 @@ STEP[0, 3] = 0.1
 def after(num_frames: int, *, has_odometry: bool, followed: bool) -> Relocaliser:
     """Lost for so many frames, each a step on, in the last of which images may have lost the camera, too."""
     carried = replace(CONFIG, relocalisation=replace(CONFIG.relocalisation, carried_frames=5))
-    finder = Relocaliser(carried)
+    finder = Relocaliser(carried, PLANAR, Mock(MapProbe))
     finder.restart(np.eye(4), has_odometry=has_odometry, followed=True)
     for number in range(num_frames):
         finder.move(STEP, followed=followed or number < num_frames - 1)

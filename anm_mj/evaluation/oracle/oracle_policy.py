@@ -17,8 +17,7 @@ from anm_mj.errors import PlanError
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.discretize import shorter_side, turn
 from anm_mj.evaluation.oracle.segments import NO_YAW
-from anm_mj.evaluation.oracle.tour_annealing import Stop
-from anm_mj.evaluation.oracle.tour_measure import MEASURES
+from anm_mj.evaluation.oracle.tour_annealing import MEASURES, Stop
 from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.evaluation.oracle.warm_start import read_trajectories
 from anm_mj.evaluation.scene_truth import SceneTruth

@@ -38,13 +38,12 @@ def select_places(
     samples: Float32[np.ndarray, "n 3"], area: ReachableArea, rays: PixelRays
 ) -> Float[np.ndarray, "k 2"]:
     """Few places that show samples, those that show the most first [m]. ``samples`` lie on the surface, world [m]."""
-    cells = spread_places(area.reachable, max(1, round(SPACING_M / area.resolution_m)), area.clearance_m)
-    places_m = area.cell_centres(cells)
+    places_m = area.cell_centres(spread_places(area, SPACING_M))
     place, sample = _pairs(samples, places_m)
     visible = _visible(samples, places_m.astype(np.float32), (place, sample), rays)
     shows = csr_array(
         (np.ones(np.count_nonzero(visible), np.int32), (place[visible], sample[visible])),
-        shape=(len(cells), len(samples)),
+        shape=(len(places_m), len(samples)),
     )
     wanted = np.full(len(samples), TIMES, np.int32)
     chosen = list[int]()

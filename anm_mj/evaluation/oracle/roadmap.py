@@ -38,7 +38,7 @@ class Roadmap:
         """Corner of the first cell [m]."""
         self.resolution_m = area.resolution_m
         """Edge of a cell [m]."""
-        cells = spread_places(area.reachable, max(1, round(spacing_m / area.resolution_m)), clearance_m)
+        cells = spread_places(area, spacing_m)
         places_m = np.concatenate([area.cell_centres(cells), np.zeros((0, 2)) if more_m is None else more_m])
         edges, _ = self._clear_edges(places_m, EDGE_SPACINGS * spacing_m)
         _, part = connected_components(csr_array((np.ones(len(edges)), edges.T), shape=(len(places_m), len(places_m))))
@@ -146,17 +146,11 @@ class Roadmap:
         self._search()
 
 
-def num_places(area: ReachableArea, spacing_m: float) -> int:
-    """Number of places at a spacing."""
-    return len(spread_places(area.reachable, max(1, round(spacing_m / area.resolution_m)), area.reachable * 1.0))
-
-
-def spread_places(
-    allowed: Bool[np.ndarray, "rows cols"], spacing_cells: int, clearance: Float[np.ndarray, "rows cols"]
-) -> Int[np.ndarray, "n 2"]:
-    """The cell [row, col] with the largest clearance of each square block that holds allowed cells."""
-    rows, cols = np.nonzero(allowed)
-    block = (rows // spacing_cells) * (allowed.shape[1] // spacing_cells + 1) + cols // spacing_cells
-    order = np.lexsort((-clearance[rows, cols], block))
+def spread_places(area: ReachableArea, spacing_m: float) -> Int[np.ndarray, "n 2"]:
+    """The cell [row, col] with the largest clearance of each square of a spacing that holds reachable cells."""
+    side = max(1, round(spacing_m / area.resolution_m))
+    rows, cols = np.nonzero(area.reachable)
+    block = (rows // side) * (area.reachable.shape[1] // side + 1) + cols // side
+    order = np.lexsort((-area.clearance_m[rows, cols], block))
     first = order[np.unique(block[order], return_index=True)[1]]
     return np.stack([rows[first], cols[first]], axis=1)

@@ -3,7 +3,8 @@
 Set cover, the order of views and the paths between them are one problem, because a tour sees most of what it sees on
 its way: a camera that passes a door shows the room behind it. So the cost of a tour depends on nothing but its coverage
 curve: the samples covered by the frames after each of its actions, in order. It is the area above the curve within a
-budget, or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.tour_measure`).
+budget, or its distance from full coverage at the end, in steps: a sample that stays uncovered for the whole budget
+costs the budget divided by the number of samples.
 
 A tour is a list of stops. A stop is a place and, if need be, a yaw to turn to there and the side to turn by. Simulated
 annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983) adds, removes, moves
@@ -21,7 +22,6 @@ from anm_mj import _native
 from anm_mj.evaluation.oracle.discretize import shorter_side
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour_measure import Measure
 from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import FORWARD_STEP_M
@@ -29,6 +29,10 @@ from anm_mj.types import FORWARD_STEP_M
 Stop = tuple[int, int, int]
 """Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
 
+MEASURES = ("auc", "end")
+"""What a tour is for: the area under its coverage curve, or its coverage at the end of the budget."""
+EARLY_WEIGHT = 0.05
+"""Weight of the area beside the end: of two tours with the same end the earlier one is better to begin from."""
 HOT_STEPS = 10.0
 """Temperature at the start [steps]: a change that costs so much more is taken one time in e."""
 WARM_STEPS = 4.0
@@ -44,6 +48,31 @@ NUM_DRAWN = 12
 MAX_SEGMENTS = 120_000
 """Most segments in memory."""
 MAX_STOPS = 300
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is to be made small: what of ``num_samples`` is not covered within ``budget`` steps."""
+
+    name: str
+    """One of ``MEASURES``."""
+    budget: int
+    num_samples: int
+
+    def cost(self, steps: Int[np.ndarray, " k"], covered: Int[np.ndarray, " k"]) -> float:
+        """Mean share of uncovered samples times the budget [steps]: over the budget, or at its end.
+
+        Args:
+            steps: Steps after each segment of a tour; the first is 0 or more.
+            covered: Samples covered by then. Within a segment they grow evenly, after the last one no more.
+        """
+        at = np.concatenate([steps[steps < self.budget], [self.budget]]).astype(float)
+        share = np.interp(at, steps, covered) / self.num_samples
+        # Before the first frame after the start nothing is known to be covered later than it.
+        area = float(np.trapezoid(1.0 - share, at)) + float(at[0]) * (1.0 - float(share[0]))
+        if self.name == "auc":
+            return area
+        return self.budget * (1.0 - float(share[-1])) + EARLY_WEIGHT * area
 
 
 @dataclass(frozen=True)

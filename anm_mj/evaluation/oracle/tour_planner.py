@@ -16,10 +16,9 @@ from jaxtyping import Bool, Float, UInt64
 
 from anm_mj.evaluation.oracle.discretize import DiscretePath, discretize
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
-from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
+from anm_mj.evaluation.oracle.roadmap import Roadmap, spread_places
 from anm_mj.evaluation.oracle.segments import Segments
-from anm_mj.evaluation.oracle.tour_annealing import WARM_STEPS, Stop, Task, TourAnnealer, greedy_tour
-from anm_mj.evaluation.oracle.tour_measure import MEASURES, Measure
+from anm_mj.evaluation.oracle.tour_annealing import MEASURES, WARM_STEPS, Measure, Stop, Task, TourAnnealer, greedy_tour
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
 from anm_mj.evaluation.oracle.warm_start import stops_along
@@ -63,14 +62,10 @@ _REMEMBERED = ("_tours", "_failures", "_expected", "_avoided", "_more_places_m")
 
 
 class TourPlanner:
-    """Plans tours through the samples of a known surface that are not covered yet.
+    """Plans tours for one of ``MEASURES`` through the samples of a known surface that are not covered yet.
 
-    Args:
-        scene: The true scene, with its observable surface.
-        rounds: Annealing rounds of the first tour.
-        start: Pose at the beginning; its yaw is heading 0.
-        measure: What tours are for: one of ``MEASURES``.
-        trajectories: Poses of finished runs from which the search for the first tour also begins.
+    The yaw of the pose at the start is heading 0. The search for the first tour, of so many annealing rounds, also
+    begins from the poses of finished runs.
     """
 
     def __init__(
@@ -95,7 +90,7 @@ class TourPlanner:
         """The tracked samples, world [m]: the planned ones, then others."""
         self._rays = PixelRays(RayCaster(scene.surface.vertices, scene.surface.faces), scene.camera, self._yaw_rad)
         self._spacing_m = PLACE_SPACING_M
-        while num_places(scene.reachable, self._spacing_m) > MAX_PLACES:
+        while len(spread_places(scene.reachable, self._spacing_m)) > MAX_PLACES:
             self._spacing_m *= 1.15
         self._roadmap = Roadmap(scene.reachable, self._spacing_m)
         self._more_places_m: Float[np.ndarray, "k 2"] | None = None

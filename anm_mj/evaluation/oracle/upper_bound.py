@@ -16,6 +16,7 @@ from jaxtyping import Float, Int, UInt64
 from skimage.graph import MCP_Geometric
 
 from anm_mj.evaluation.oracle.visibility import count
+from anm_mj.frames import world_to_cell
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.ground_truth.observable import ReachableArea
 from anm_mj.types import FORWARD_STEP_M
@@ -31,11 +32,11 @@ def earliest_steps(
     ``spacing_m`` from its place in each axis.
     """
     reached = MCP_Geometric(np.where(area.reachable, 1.0, -1.0))
-    cells = np.floor((np.concatenate([start_m[None], places_m]) - area.origin_xy_m) / area.resolution_m).astype(int)
+    cells = world_to_cell(np.concatenate([start_m[None], places_m]), area.origin_xy_m, area.resolution_m)
     free = np.argwhere(area.reachable)
     # The start may lie in a cell at the very edge, which the grid leaves out.
-    begin = free[np.argmin(((free - cells[0, ::-1]) ** 2).sum(axis=1))]
-    grid_m = reached.find_costs([tuple(begin)])[0][tuple(cells[1:, ::-1].T)] * area.resolution_m
+    begin = free[np.argmin(((free - cells[0]) ** 2).sum(axis=1))]
+    grid_m = reached.find_costs([tuple(begin)])[0][tuple(cells[1:].T)] * area.resolution_m
     straight_m = np.linalg.norm(places_m - start_m, axis=1)
     slack_m = math.sqrt(2.0) * (spacing_m + area.resolution_m)
     travel_m = np.maximum(np.where(np.isfinite(grid_m), grid_m / GRID_DETOUR, 0.0), straight_m) - slack_m

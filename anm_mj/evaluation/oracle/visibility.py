@@ -34,7 +34,13 @@ def frame_bits(
     """
     bits = np.zeros((len(places_m), NUM_HEADINGS, len(samples) // WORD), np.uint64)
     for place, xy_m in enumerate(places_m.astype(np.float32)):
-        which, towards = _covered(samples, xy_m, rays)
+        delta = samples[:, :2] - xy_m
+        which = np.flatnonzero(np.hypot(delta[:, 0], delta[:, 1]) < FAR_M).astype(np.int32)
+        towards = rays.yaw_towards(delta[which])
+        inside = rays.in_image(samples[which], xy_m, towards)
+        which, towards = which[inside], towards[inside]
+        hit = covered_by_rays(samples[which], np.broadcast_to(xy_m, (len(which), 2)), towards, rays, TOLERANCE_M)
+        which, towards = which[hit], towards[hit]
         shown = np.zeros((NUM_HEADINGS, len(samples)), bool)
         for aside in rays.yaws_aside:
             yaw = (towards + aside) % NUM_HEADINGS
@@ -57,20 +63,6 @@ def unpack(bits: UInt64[np.ndarray, " words"]) -> Bool[np.ndarray, " n"]:
 def count(bits: UInt64[np.ndarray, "*k words"]) -> Int[np.ndarray, "*k"]:
     """Number of set bits."""
     return np.asarray(np.bitwise_count(bits).sum(axis=-1, dtype=np.int64))
-
-
-def _covered(
-    samples: Float32[np.ndarray, "n 3"], place_m: Float32[np.ndarray, "2"], rays: PixelRays
-) -> tuple[Int32[np.ndarray, " k"], Int32[np.ndarray, " k"]]:
-    """Samples covered from a place when the camera looks towards each, and the yaws towards them."""
-    delta = samples[:, :2] - place_m
-    which = np.flatnonzero(np.hypot(delta[:, 0], delta[:, 1]) < FAR_M).astype(np.int32)
-    towards = rays.yaw_towards(delta[which])
-    inside = rays.in_image(samples[which], place_m, towards)
-    which, towards = which[inside], towards[inside]
-    places_m = np.broadcast_to(place_m, (len(which), 2))
-    hit = covered_by_rays(samples[which], places_m, towards, rays, TOLERANCE_M)
-    return which[hit], towards[hit]
 
 
 def covered_by_rays(

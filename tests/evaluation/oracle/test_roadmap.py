@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize
-from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
+from anm_mj.evaluation.oracle.roadmap import Roadmap, spread_places
 from tests.evaluation.oracle import reference
 
 
@@ -33,7 +33,7 @@ def test_a_path_leads_through_the_door(rooms):
     assert (area.cells(dense.astype(np.float32)) >= 0).all()
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
     assert length <= roadmap.distance_m[a, b] + 1e-5
-    assert num_places(area, 0.2) == len(roadmap.places_m)
+    assert len(spread_places(area, 0.2)) == len(roadmap.places_m)
 
 
 def test_a_discrete_path_arrives_with_few_turns(views):

@@ -3,8 +3,7 @@ import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize, turn
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour_annealing import Task, TourAnnealer, greedy_tour
-from anm_mj.evaluation.oracle.tour_measure import Measure
+from anm_mj.evaluation.oracle.tour_annealing import Measure, Task, TourAnnealer, greedy_tour
 from anm_mj.evaluation.oracle.visibility import count
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from tests.evaluation.oracle import reference

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.oracle.discretize import shorter_side
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour_annealing import Task, TourAnnealer
-from anm_mj.evaluation.oracle.tour_measure import MEASURES, Measure
+from anm_mj.evaluation.oracle.tour_annealing import MEASURES, Measure, Task, TourAnnealer
 from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import count

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.evaluation.lost_surface import surface_lost_percent
+from anm_mj.evaluation.people_metrics import surface_lost_percent
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 

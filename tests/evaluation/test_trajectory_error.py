@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.reference_trajectory import read_reference, reference_error
+from anm_mj.evaluation.trajectory_error import read_reference, reference_error
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence_poses import base_pose, camera_line
 

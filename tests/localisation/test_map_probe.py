@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.frames import back_project, transform_points
-from anm_mj.localisation.occupancy_agreement import agreement
+from anm_mj.localisation.map_probe import agreement
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.types import OCCUPIED, Pose2

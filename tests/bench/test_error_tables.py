@@ -1,7 +1,7 @@
 import pytest
 
+from anm_mj.bench.error_tables import reality_table
 from anm_mj.bench.job import variant
-from anm_mj.bench.reality_table import reality_table
 from anm_mj.sim.simulation_config import REALITIES
 
 _IDEAL = {"preset": "default", "robot": "diff_drive", "goal": "both", "reality": "ideal"}

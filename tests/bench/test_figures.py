@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from anm_mj.bench.curve_figure import draw_curves
+from anm_mj.bench.figures import COLOURS, LINES, MARKS, draw_curves
 from anm_mj.bench.job import Job
-from anm_mj.bench.line_styles import COLOURS, LINES, MARKS
 from anm_mj.bench.run_result import Result
 from anm_mj.viz.figure_file import KINDS
 
