@@ -138,17 +138,17 @@ def _fill_runs(rows: _Cells, first_col: _Cells, last_col: _Cells, grid: Grid) ->
 
 def level_mask(triangles_m: _Triangles, min_cosine: float = 0.95) -> Bool[np.ndarray, " f"]:
     """True for level triangles, facing up or down: |cos| of the angle between normal and z is large enough."""
-    normal = _normals(triangles_m)
+    normal = normals(triangles_m)
     return np.abs(normal[:, 2]) >= min_cosine * np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
 
 
 def areas(triangles_m: _Triangles) -> Float64[np.ndarray, " f"]:
     """Area of every triangle [m2]."""
-    return 0.5 * np.linalg.norm(_normals(triangles_m), axis=1)
+    return 0.5 * np.linalg.norm(normals(triangles_m), axis=1)
 
 
-def _normals(triangles_m: _Triangles) -> Float64[np.ndarray, "f 3"]:
-    """Normals; their length is twice the area."""
+def normals(triangles_m: _Triangles) -> Float64[np.ndarray, "f 3"]:
+    """Normals of triangles; their length is twice the area."""
     corners = triangles_m.astype(np.float64)
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 

@@ -1,10 +1,10 @@
 """Submeshes: triangles of a scene that share one texture or colour."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float64, Integer, UInt8
+from jaxtyping import Bool, Float, Float64, Integer, UInt8
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.raster import areas
@@ -52,13 +52,27 @@ class Submesh:
 def without_degenerate_faces(submesh: Submesh) -> Submesh | None:
     """The same submesh without faces of no area and vertices of no face; None when no face is left."""
     # Faces below half a square micrometre neither show nor collide.
-    faces = submesh.faces[areas(submesh.vertices_m[submesh.faces]) > 0.5e-12]
-    if not len(faces):
-        return None
-    used, compact = np.unique(faces, return_inverse=True)
+    has_area = areas(submesh.vertices_m[submesh.faces]) > 0.5e-12
+    return only_faces(submesh, has_area) if has_area.any() else None
+
+
+def only_faces(submesh: Submesh, kept: Bool[np.ndarray, " f"]) -> Submesh:
+    """Some faces of a submesh, without the vertices of no face."""
+    used, compact = np.unique(submesh.faces[kept], return_inverse=True)
     uv = None if submesh.uv is None else submesh.uv[used]
     faces = compact.reshape(-1, 3).astype(np.int32)
     return replace(submesh, vertices_m=submesh.vertices_m[used], faces=faces, uv=uv)
+
+
+def triangles_of(submeshes: Sequence[Submesh]) -> Float[np.ndarray, "f 3 3"]:
+    """Corners of the triangles of all submeshes, in order."""
+    return np.concatenate([submesh.vertices_m[submesh.faces] for submesh in submeshes])
+
+
+def middle_of(submeshes: Sequence[Submesh]) -> Float[np.ndarray, "3"]:
+    """The middle of the bounding box of all triangles."""
+    corners = triangles_of(submeshes).reshape(-1, 3)
+    return (corners.min(axis=0) + corners.max(axis=0)) / 2.0
 
 
 def is_within(part: str, others: Collection[str]) -> bool:

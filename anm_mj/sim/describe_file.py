@@ -12,8 +12,7 @@ from anm_mj.robot.description import RobotDescription, describe_robot
 from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.model_path import find_uri, world_places
-from anm_mj.scene.importing.readers.xacro_file import XACRO, expanded
+from anm_mj.scene.importing.readers.model_path import XACRO, expanded, find_uri, world_places
 from anm_mj.scene.submesh import merge_geometry
 from anm_mj.utils.read_file import read_bytes
 

@@ -14,13 +14,12 @@ from anm_mj.scene.submesh import Submesh
 _MAX_SIDE_PX = 4096
 """Largest texture that every GL offers; four million triangles fit."""
 
+_Vertices = Float[np.ndarray, "v 3"]
+_Faces = Integer[np.ndarray, "f 3"]
+_CornerRgb = UInt8[np.ndarray, "f 3 3"]
 
-def bake_colours(
-    name: str,
-    vertices_m: Float[np.ndarray, "v 3"],
-    faces: Integer[np.ndarray, "f 3"],
-    corner_rgb: UInt8[np.ndarray, "f 3 3"],
-) -> list[Submesh]:
+
+def bake_colours(name: str, vertices_m: _Vertices, faces: _Faces, corner_rgb: _CornerRgb) -> list[Submesh]:
     """Submeshes that show the colours given for the three corners of every face, blended over the face.
 
     A mesh of one colour becomes one submesh without a texture; one with more than four million triangles is split.
@@ -36,12 +35,7 @@ def bake_colours(
     ]
 
 
-def _bake_atlas(
-    name: str,
-    vertices_m: Float[np.ndarray, "v 3"],
-    faces: Integer[np.ndarray, "f 3"],
-    corner_rgb: UInt8[np.ndarray, "f 3 3"],
-) -> Submesh:
+def _bake_atlas(name: str, vertices_m: _Vertices, faces: _Faces, corner_rgb: _CornerRgb) -> Submesh:
     """One submesh with one atlas; faces come in Morton order."""
     tiles = 1
     while tiles * tiles < len(faces):

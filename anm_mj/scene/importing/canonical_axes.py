@@ -6,7 +6,8 @@ largest level surface near the bottom with headroom.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -32,13 +33,17 @@ _MOST_LEVELS = 24
 """So many are looked at in a scene with open ground: each storey has four, the sides of its floor and its ceiling."""
 _ROOF_M = 1.8
 """A level surface farther above a floor than this is a ceiling or a roof [m]."""
-_T_WORLD_SOURCE = {
+R_WORLD_SOURCE = {
     "z": np.eye(3),
     # +90 degrees about x: source y becomes world z.
     "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     # Cyclic: source x becomes world z.
     "x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
 }
+"""Rotation from the source's axes, by the one that points up, to world axes with z up."""
+
+_Triangles = Float[np.ndarray, "f 3 3"]
+_Flat = Float[np.ndarray, "l 3 3"]
 
 
 @dataclass(frozen=True)
@@ -57,11 +62,6 @@ class Level:
         return self.area_m2 if self.walkable_m2 >= _FURNISHED_SHARE * self.area_m2 else self.walkable_m2
 
 
-def rotation_to_z_up(up: str) -> Float64[np.ndarray, "3 3"]:
-    """Rotation from source axes with ``up`` ("x", "y" or "z") to world axes with z up."""
-    return _T_WORLD_SOURCE[up]
-
-
 def find_scale(extents: Float[np.ndarray, "3"]) -> float:
     """Metres per unit: of m, cm and mm the one that brings the smallest extent closest to the height of a storey."""
     smallest = max(float(np.min(extents)), 1e-9)
@@ -70,47 +70,51 @@ def find_scale(extents: Float[np.ndarray, "3"]) -> float:
     return min(UNITS, key=lambda scale: abs(math.log(smallest * scale / _TYPICAL_HEIGHT_M)))
 
 
-def find_up(
-    triangles_m: Float[np.ndarray, "f 3 3"], usual: Literal["x", "y", "z"], certainty: float = 1.25
-) -> Literal["x", "y", "z"]:
+def find_up(triangles_m: _Triangles, usual: Literal["x", "y", "z"], certainty: float = 1.25) -> Literal["x", "y", "z"]:
     """Up axis, of y, z and the usual one: the axis along which the scene looks most like a storey with a floor.
 
     The score of an axis is the area of its floors, discounted by how far the extent along it is from the height of a
     storey. Another axis than ``usual`` must score ``certainty`` times as much.
     """
     axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z") if usual == "x" else ("y", "z")
-    score = {up: _storey_score(triangles_m @ rotation_to_z_up(up).T) for up in axes}
+    score = {up: _storey_score(triangles_m @ R_WORLD_SOURCE[up].T) for up in axes}
     best = max(axes, key=lambda up: score[up])
     return best if score[best] > certainty * score[usual] else usual
 
 
-def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
+def _storey_score(triangles_m: _Triangles) -> float:
     """Area of the floors of all storeys [m2], discounted by unusual heights and by the root of the number of storeys.
 
     A building on its side has levels too, its walls, but they are smaller than floors, and there are more of them.
     Furniture counts as floor: bare walls would be larger than the floor between it.
     """
-    storeys: list[Level] = []
-    found, top_m = levels(triangles_m), float(triangles_m[:, :, 2].max())
+    found, top_m = _levels(triangles_m), float(triangles_m[:, :, 2].max())
     # What nothing rises above is a roof, or the outside of a wall of a building on its side.
     inside = [level for level in found[1:] if level.z_m < top_m - _HEADROOM_M]
-    for level in sorted(found[:1] + inside, key=lambda level: -level.floor_m2):
-        if all(abs(level.z_m - taken.z_m) > _HEADROOM_M for taken in storeys):
-            storeys.append(level)
+    storeys = apart(sorted(found[:1] + inside, key=lambda level: -level.floor_m2), _HEADROOM_M)
     height_m = float(np.ptp(triangles_m[:, :, 2]))
     number = max(1, round(height_m / _TYPICAL_HEIGHT_M))
     ratio = max(height_m, 1e-9) / number / _TYPICAL_HEIGHT_M
     return sum(level.floor_m2 for level in storeys) * min(ratio, 1.0 / ratio) / math.sqrt(number)
 
 
-def find_floor(triangles_m: Float[np.ndarray, "f 3 3"], *, roofs: bool = False) -> Level | None:
+def apart(found: Iterable[Level], least_m: float) -> list[Level]:
+    """The levels that lie farther than ``least_m`` above or below all that are taken before them."""
+    taken: list[Level] = []
+    for level in found:
+        if all(abs(level.z_m - other.z_m) > least_m for other in taken):
+            taken.append(level)
+    return taken
+
+
+def find_floor(triangles_m: _Triangles, *, roofs: bool = False) -> Level | None:
     """The lowest of the large walkable levels of triangles with z up, or None when nothing is level.
 
     A level is large if it has at least half the area of the largest one. That excludes cellar slabs and undersides, and
     of two storeys it takes the lower one. Roofs and the tops of walls count only where there is little else, or with
     ``roofs``.
     """
-    found_levels = levels(triangles_m) if roofs else indoor_levels(triangles_m)
+    found_levels = _levels(triangles_m) if roofs else indoor_levels(triangles_m)
     if not found_levels:
         return None
     most = max(found.walkable_m2 for found in found_levels)
@@ -124,46 +128,49 @@ def find_floor(triangles_m: Float[np.ndarray, "f 3 3"], *, roofs: bool = False) 
     return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
 
 
-def indoor_levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
-    """Levels as :func:`levels` finds them; where the largest lies mostly under the open sky, as the ground about a
-    house does, the walkable area of all of them is what of it has a ceiling or a roof.
+def indoor_levels(triangles_m: _Triangles) -> list[Level]:
+    """The largest levels from the lowest to the highest; where the largest lies mostly under the open sky, as the
+    ground about a house does, the walkable area of all of them is what of it has a ceiling or a roof.
     """
-    found = levels(triangles_m)
+    found = _levels(triangles_m)
     top_m = float(triangles_m[:, :, 2].max()) - _HEADROOM_M
     ground = max((level for level in found if level.z_m < top_m), key=lambda level: level.walkable_m2, default=None)
     if ground is None:
         return found
     flat = triangles_m[level_mask(triangles_m)]
-    if _roofed_m2(triangles_m, flat, ground.z_m) > _OPEN_SHARE * ground.walkable_m2:
+    if _level_at(triangles_m, flat, ground.z_m, roofed=True).walkable_m2 > _OPEN_SHARE * ground.walkable_m2:
         return found
     # Floors of a house are small beside its garden.
-    smaller = levels(triangles_m, _LEAST_ROOFED_M2, _MOST_LEVELS)
-    roofed = [replace(level, walkable_m2=_roofed_m2(triangles_m, flat, level.z_m)) for level in smaller]
+    heights_m = _level_heights(flat, _LEAST_ROOFED_M2, _MOST_LEVELS)
+    roofed = [_level_at(triangles_m, flat, z_m, roofed=True) for z_m in heights_m]
     return roofed if max(level.walkable_m2 for level in roofed) >= _LEAST_ROOFED_M2 else found
 
 
-def levels(triangles_m: Float[np.ndarray, "f 3 3"], least_m2: float = math.inf, most: int = 8) -> list[Level]:
-    """The largest horizontal surfaces of triangles with z up, from the lowest to the highest, at most so many.
+def _levels(triangles_m: _Triangles) -> list[Level]:
+    flat = triangles_m[level_mask(triangles_m)]
+    return [_level_at(triangles_m, flat, z_m) for z_m in _level_heights(flat)]
+
+
+def _level_heights(flat: _Flat, least_m2: float = math.inf, most: int = 8) -> list[float]:
+    """Heights of the largest surfaces of level triangles, from the lowest to the highest, at most so many [m].
 
     They have at least ``least_m2``, or 15 % of the area of the largest.
     """
-    level = triangles_m[level_mask(triangles_m)]
-    if not len(level):
+    if not len(flat):
         return []
-    z, area = level[:, :, 2].mean(axis=1), areas(level)
+    z, area = flat[:, :, 2].mean(axis=1), areas(flat)
     low = float(z.min())
     histogram = np.bincount(((z - low) / _BIN_M).astype(np.int64), weights=area)
     # A level may straddle two bins.
-    histogram = histogram + np.append(histogram[1:], 0.0)
+    remaining = histogram + np.append(histogram[1:], 0.0)
     candidates = []
-    remaining = histogram.copy()
-    least_m2 = min(least_m2, 0.15 * float(histogram.max()))
+    least_m2 = min(least_m2, 0.15 * float(remaining.max()))
     while remaining.max() >= least_m2 and len(candidates) < most:
         peak = int(np.argmax(remaining))
         near = np.abs(z - (low + (peak + 1) * _BIN_M)) <= 1.5 * _BIN_M
         candidates.append(_weighted_median(z[near], area[near]))
         remaining[max(0, peak - 2) : peak + 3] = 0.0
-    return [_level_at(triangles_m, level, height) for height in sorted(set(candidates))]
+    return sorted(set(candidates))
 
 
 def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
@@ -172,44 +179,24 @@ def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarra
     return float(values[order][np.searchsorted(share, share[-1] / 2.0)])
 
 
-def _level_at(triangles_m: Float[np.ndarray, "f 3 3"], flat: Float[np.ndarray, "l 3 3"], z_m: float) -> Level:
-    ground = _ground_at(triangles_m, flat, z_m)
-    if ground is None:
-        return Level(z_m, 0.0, 0.0)
-    grid, cells, walkable = ground
-    return Level(z_m, _area_m2(walkable, grid), _area_m2(cells, grid))
-
-
-def _roofed_m2(triangles_m: Float[np.ndarray, "f 3 3"], flat: Float[np.ndarray, "l 3 3"], z_m: float) -> float:
-    """How much of the walkable area at a height has a level surface more than 1.8 m above it [m2]."""
-    ground = _ground_at(triangles_m, flat, z_m)
-    if ground is None:
-        return 0.0
-    grid, _, walkable = ground
-    return _area_m2(walkable & _overhead(flat, z_m, grid), grid)
-
-
-def _ground_at(
-    triangles_m: Float[np.ndarray, "f 3 3"], flat: Float[np.ndarray, "l 3 3"], z_m: float
-) -> tuple[Grid, Bool[np.ndarray, "rows cols"], Bool[np.ndarray, "rows cols"]] | None:
-    """A grid over the level triangles at a height, its cells that they cover, and those of them with headroom."""
+def _level_at(triangles_m: _Triangles, flat: _Flat, z_m: float, *, roofed: bool = False) -> Level:
+    """The level at a height; with ``roofed`` it is walkable only below a level surface more than 1.8 m above it."""
     ground = clip_to_slab(flat, z_m - _BIN_M, z_m + _BIN_M)
     if not len(ground):
-        return None
+        return Level(z_m, 0.0, 0.0)
     grid = _coarse_grid(ground)
     cells = rasterise(ground, grid)
-    above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
-    return grid, cells, cells & ~rasterise(above, grid)
+    walkable = cells & ~rasterise(clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M), grid)
+    if roofed:
+        walkable &= _overhead(flat, z_m, grid)
+    walkable_m2, area_m2 = (float(np.count_nonzero(own)) * grid.resolution_m**2 for own in (walkable, cells))
+    return Level(z_m, walkable_m2, area_m2)
 
 
-def _overhead(flat: Float[np.ndarray, "l 3 3"], z_m: float, grid: Grid) -> Bool[np.ndarray, "rows cols"]:
+def _overhead(flat: _Flat, z_m: float, grid: Grid) -> Bool[np.ndarray, "rows cols"]:
     """Cells with a level surface higher than 1.8 m above a height."""
     low_m = z_m + _ROOF_M
     return rasterise(clip_to_slab(flat, low_m, max(low_m, float(flat[:, :, 2].max()))), grid)
-
-
-def _area_m2(cells: Bool[np.ndarray, "rows cols"], grid: Grid) -> float:
-    return float(np.count_nonzero(cells)) * grid.resolution_m**2
 
 
 def _coarse_grid(polygons_m: Float64[np.ndarray, "p k 2"]) -> Grid:
@@ -218,7 +205,7 @@ def _coarse_grid(polygons_m: Float64[np.ndarray, "p k 2"]) -> Grid:
     return grid_over(polygons_m, max(_CELL_M, math.sqrt(float(size_m.prod()) / _MAX_CELLS)))
 
 
-def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
+def covered_share(triangles_m: _Triangles) -> float:
     """Share of the floor at z = 0 that has a level surface higher than 1.8 m above it (a ceiling, a roof)."""
     level = triangles_m[level_mask(triangles_m, 0.5)]
     floor = clip_to_slab(level, -_FLOOR_ROUGHNESS_M, _FLOOR_ROUGHNESS_M)

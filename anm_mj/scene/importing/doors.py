@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.scene.importing.choose_parts import part_of
+from anm_mj.scene.importing.choose_parts import part_of, path_to
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.submesh import Submesh, is_within, transformed
@@ -57,10 +57,9 @@ def find_leaves(submeshes: Sequence[Submesh], joints: Mapping[str, Joint]) -> li
     for submesh in submeshes:
         if not len(submesh.faces):
             continue
-        words = part_of(submesh).split("/")
         used = submesh.vertices_m[np.unique(submesh.faces)]
-        for depth in range(1, len(words) + 1):
-            groups.setdefault("/".join(words[:depth]), []).append(used)
+        for part in path_to(part_of(submesh)):
+            groups.setdefault(part, []).append(used)
     found: list[Leaf] = []
     for part in sorted(groups, key=lambda name: (-name.count("/"), name)):
         joint = joints.get(part)

@@ -11,10 +11,11 @@ from pathlib import Path
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.importing.canonical_axes import UNITS
+from anm_mj.scene.importing.choose_parts import chosen
 from anm_mj.scene.importing.doors import Doors
 from anm_mj.scene.importing.import_floorplan import import_floorplan, is_floorplan
 from anm_mj.scene.importing.named_scenes import find_named, is_name
-from anm_mj.scene.importing.placing import Choice, UpAxis, place
+from anm_mj.scene.importing.placing import UpAxis, place
 from anm_mj.scene.importing.readers.import_limits import check_triangles
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.source_formats import find_format
@@ -109,9 +110,7 @@ def import_scene(
         )
     read = found.read
     if found.name == "mjcf":
-        from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf  # Loads MuJoCo.
-
-        read = partial(read_mjcf, settle=settle, movable=movable, groups=groups)
+        read = partial(read, settle=settle, movable=movable, groups=groups)
     elif settle or movable or groups is not None:
         raise SceneError(f"{src} is no MuJoCo world ({found.name}): leave --settle, --movable and --groups out.")
     report = ImportReport()
@@ -119,7 +118,8 @@ def import_scene(
     report.log()
     check_triangles(src, sum(len(submesh.faces) for submesh in parsed.submeshes))
     parsed = replace(parsed, source=source or parsed.source, licence=licence or parsed.licence)
-    placed = place(parsed, src, name or out.resolve().name, up, scale, Choice(only, leave_out, doors, storey))
+    parsed = chosen(parsed, only, leave_out)
+    placed = place(parsed, src, name or out.resolve().name, up, scale, doors, storey)
     info = placed.info
     _logger.info(
         "%s (%s): %s is up (%s), 1 unit is %g m (%s, %s), the floor was at %.3f m",

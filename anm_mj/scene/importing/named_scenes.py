@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 from anm_mj.errors import SceneError
@@ -124,14 +125,13 @@ def _package_folders(names: Sequence[str]) -> list[Path]:
 
 
 def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:
-    for folder in folders:
-        for pattern in patterns:
-            try:
-                matches = sorted(path for path in folder.glob(pattern) if os.path.isfile(path))
-            except (OSError, ValueError):  # A name that no file can have.
-                continue
-            if matches:
-                return matches[-1]
+    for folder, pattern in product(folders, patterns):
+        try:
+            matches = sorted(path for path in folder.glob(pattern) if os.path.isfile(path))
+        except (OSError, ValueError):  # A name that no file can have.
+            continue
+        if matches:
+            return matches[-1]
     return None
 
 

@@ -1,4 +1,4 @@
-"""Brings a source into the world: metres, z up, floor at z = 0; chooses parts, doors and a storey on the way."""
+"""Brings a source into the world: metres, z up, floor at z = 0; doors open and a storey alone if that is wanted."""
 
 import logging
 import math
@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.canonical_axes import find_floor, find_scale, find_up, rotation_to_z_up
-from anm_mj.scene.importing.choose_parts import chosen, part_of
+from anm_mj.scene.importing.canonical_axes import R_WORLD_SOURCE, find_floor, find_scale, find_up
+from anm_mj.scene.importing.choose_parts import part_of, split_stray
 from anm_mj.scene.importing.doors import Doors, Leaf, find_leaves, with_doors
 from anm_mj.scene.importing.readers.import_limits import check_spread
 from anm_mj.scene.importing.readers.import_report import some
@@ -20,8 +20,7 @@ from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
 from anm_mj.scene.importing.shading import shaded
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
-from anm_mj.scene.importing.stray_parts import split_stray
-from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
+from anm_mj.scene.submesh import Submesh, merge_alike, triangles_of
 from anm_mj.scene.writer import SceneInfo, with_area
 
 _logger = logging.getLogger(__name__)
@@ -42,16 +41,6 @@ UpAxis = Literal["x", "y", "z", "auto"]
 
 
 @dataclass(frozen=True)
-class Choice:
-    """What of a source is wanted, and in what state."""
-
-    only: Sequence[str] = ()
-    leave_out: Sequence[str] = ()
-    doors: Doors = "as-is"
-    storey: str | None = None
-
-
-@dataclass(frozen=True)
 class Placed:
     """A source in the world."""
 
@@ -60,50 +49,54 @@ class Placed:
     """Textures can be rendered; submeshes that look alike are one."""
     leaves: tuple[Leaf, ...]
     """The doors' leaves as they were found, in the source's heights."""
-    storeys: tuple[Storey, ...]
-    """All storeys of the source, heights from the floor that is now at z = 0."""
-    storey_taken: bool
-    """Whether one of them was chosen."""
+    floors_m: tuple[float, ...]
+    """Heights of the floors of all storeys that are in it [m]."""
 
 
-def place(parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | None, choice: Choice) -> Placed:
+def place(
+    parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | None, doors: Doors, wanted_storey: str | None
+) -> Placed:
     """A parsed source in the world as the scene ``name``, and how axes and units were found. Raises SceneError if the
-    source holds no triangles, is too large, or does not hold what is wanted.
+    source holds no triangles, is too large, or lacks the storey that is wanted.
     """
-    parsed = chosen(parsed, choice.only, choice.leave_out)
     if not any(len(submesh.faces) for submesh in parsed.submeshes):
         raise SceneError(f"{src} holds no triangles: give a file with a surface.")
     scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
     if scale is None and parsed.scale is not None:
         scale, scale_how = parsed.scale, "known"
     if scale is None:
-        scale = find_scale(np.ptp(_triangles(parsed.submeshes).reshape(-1, 3), axis=0))
+        scale = find_scale(np.ptp(triangles_of(parsed.submeshes).reshape(-1, 3), axis=0))
     parsed = _without_stray(parsed, scale)
-    triangles = _triangles(parsed.submeshes) * scale
+    triangles = triangles_of(parsed.submeshes) * scale
     _check_extent(triangles, src, scale)
     check_spread(src, triangles)
     if up == "auto" and math.isinf(parsed.up_certainty):
         up, up_how = parsed.up, "known"
     elif up == "auto":
         up = find_up(triangles, parsed.up, parsed.up_certainty)
-    rotation = rotation_to_z_up(up)
+    rotation = R_WORLD_SOURCE[up]
     triangles = triangles @ rotation.T
+    height_m = float(np.ptp(triangles[:, :, 2]))
     # In metres, low walls are those of an arena.
-    if scale_how == "found" and scale != 1.0:
-        _warn_if_low(float(np.ptp(triangles[:, :, 2])))
+    if scale_how == "found" and scale != 1.0 and height_m < _LOW_M:
+        _logger.warning(
+            "The scene is only %.2g m high: if its source has another unit give --scale 0.0254 (inches) or "
+            "--scale 0.3048 (feet).",
+            height_m,
+        )
     origin = _origin(triangles)
     # Only a source whose axes are known has joints.
     world = _turned(parsed, rotation, scale, np.array([-origin[0], -origin[1], 0.0]))
     leaves = find_leaves(world.submeshes, world.joints)
-    world = with_doors(world, leaves, choice.doors)
-    if choice.doors != "as-is" or origin.any():
-        triangles = _triangles(world.submeshes)
+    world = with_doors(world, leaves, doors)
+    if doors != "as-is" or origin.any():
+        triangles = triangles_of(world.submeshes)
     is_high = float(np.ptp(triangles[:, :, 2])) > _ONE_STOREY_M
-    storeys = find_storeys(triangles) if choice.storey is not None or is_high else []
-    if choice.storey is not None:
-        storey = pick_storey(storeys, choice.storey)
+    storeys = find_storeys(triangles) if wanted_storey is not None or is_high else []
+    if wanted_storey is not None:
+        storey = pick_storey(storeys, wanted_storey)
         world = _with_storey(world, storey, storeys)
-        floor_m = storey.floor_m
+        storeys, floor_m = [storey], storey.floor_m
     else:
         floor = find_floor(triangles)
         floor_m = float(triangles[:, :, 2].min()) if floor is None else floor.z_m
@@ -123,13 +116,7 @@ def place(parsed: ParsedScene, src: Path, name: str, up: UpAxis, scale: float | 
     world = _lowered(world, floor_m)
     apart = [movable.part for movable in world.movables]
     world = replace(world, submeshes=merge_alike(limit_textures(shaded(with_area(world.submeshes))), apart))
-    lowered = tuple(storey.lowered(floor_m) for storey in storeys)
-    return Placed(info, world, tuple(leaves), lowered, choice.storey is not None)
-
-
-def _triangles(submeshes: list[Submesh]) -> Float[np.ndarray, "f 3 3"]:
-    vertices, faces = merge_geometry(submeshes)
-    return vertices[faces]
+    return Placed(info, world, tuple(leaves), tuple(storey.floor_m - floor_m for storey in storeys))
 
 
 def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
@@ -158,15 +145,6 @@ def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: flo
         raise SceneError(
             f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
             "give another scale, or leave out parts with --leave-out."
-        )
-
-
-def _warn_if_low(height_m: float) -> None:
-    if height_m < _LOW_M:
-        _logger.warning(
-            "The scene is only %.2g m high: if its source has another unit give --scale 0.0254 (inches) or "
-            "--scale 0.3048 (feet).",
-            height_m,
         )
 
 

@@ -9,6 +9,7 @@ from anm_mj.scene.importing.doors import Doors
 from anm_mj.scene.importing.placing import Placed
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.navigable import NavigableArea
+from anm_mj.scene.submesh import triangles_of
 
 _logger = logging.getLogger(__name__)
 
@@ -28,12 +29,12 @@ def report_reach(area: NavigableArea, placed: Placed, doors: Doors) -> None:
     all_m2 = float(cells[0] + np.count_nonzero(rest)) * area.grid.resolution_m**2
     if area.area_m2 < _MOST * all_m2:
         all_m2 -= sum(_solid_pieces_m2(area, np.bincount(area.component[rest | (area.component == 1)])[1:], placed))
-    if not placed.storey_taken and len(placed.storeys) > 1:
-        floors = ", ".join(f"{number} at {own.floor_m:+.2f} m" for number, own in enumerate(placed.storeys, 1))
+    if len(placed.floors_m) > 1:
+        floors = ", ".join(f"{number} at {floor_m:+.2f} m" for number, floor_m in enumerate(placed.floors_m, 1))
         _logger.warning(
             "The source has %d storeys (%s), all of which were imported; the robot drives on the one at 0 m. Take one "
             "alone with --storey.",
-            len(placed.storeys),
+            len(placed.floors_m),
             floors,
         )
     if area.area_m2 >= _MOST * all_m2:
@@ -53,9 +54,7 @@ def report_reach(area: NavigableArea, placed: Placed, doors: Doors) -> None:
 
 def _solid_pieces_m2(area: NavigableArea, cells: Int[np.ndarray, " n"], placed: Placed) -> list[float]:
     """Areas of the larger pieces of floor that lie within solids, such as walls of thick boxes [m2]."""
-    triangles = np.concatenate(
-        [own.vertices_m[own.faces] for own in placed.world.obstacles or placed.world.submeshes], dtype=np.float64
-    )
+    triangles = triangles_of(placed.world.obstacles or placed.world.submeshes).astype(np.float64)
     if len(triangles) > _MAX_TRIANGLES:
         return []
     areas_m2 = cells * area.grid.resolution_m**2
@@ -68,8 +67,7 @@ def _is_within_solid(area: NavigableArea, piece: int, triangles: Float64[np.ndar
     rows, cols = np.nonzero(area.component == piece)
     roomiest = int(np.argmax(area.clearance_m[rows, cols]))
     eye = np.append(area.grid.centres_m(rows[roomiest], cols[roomiest]), _EYE_M)
-    facing = [_faces_front(triangles, eye, direction) for direction in _DIRECTIONS]
-    return not any(facing)
+    return not any(_faces_front(triangles, eye, direction) for direction in _DIRECTIONS)
 
 
 def _faces_front(

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from anm_mj.scene.submesh import Submesh
+from anm_mj.scene.raster import normals
+from anm_mj.scene.submesh import Submesh, only_faces
 
 LIGHT = np.array([0.45, 0.15, 0.88])
 """Towards the light: the six sides of a room differ by at least 6 % in brightness."""
@@ -24,24 +24,14 @@ def shaded(submeshes: list[Submesh]) -> list[Submesh]:
 
 
 def _by_brightness(submesh: Submesh) -> list[Submesh]:
-    corners: Float[np.ndarray, "f 3 3"] = submesh.vertices_m[submesh.faces].astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    towards = np.divide(normals @ LIGHT, lengths, out=np.zeros(len(lengths)), where=lengths > 0.0)
+    normal = normals(submesh.vertices_m[submesh.faces])
+    lengths = np.linalg.norm(normal, axis=1)
+    towards = np.divide(normal @ LIGHT, lengths, out=np.zeros(len(lengths)), where=lengths > 0.0)
     level = np.rint((LEVELS - 1) * (towards / np.linalg.norm(LIGHT) + 1.0) / 2.0).astype(np.int64)
     red, green, blue = submesh.rgb
     parts = []
     for each in np.unique(level):
         share = DARKEST + (1.0 - DARKEST) * float(each) / (LEVELS - 1)
-        used, faces = np.unique(submesh.faces[level == each], return_inverse=True)
         rgb = (share * red, share * green, share * blue)
-        parts.append(
-            replace(
-                submesh,
-                vertices_m=submesh.vertices_m[used],
-                faces=faces.reshape(-1, 3).astype(np.int32),
-                rgb=rgb,
-                uv=None,
-            )
-        )
+        parts.append(replace(only_faces(submesh, level == each), rgb=rgb, uv=None))
     return parts

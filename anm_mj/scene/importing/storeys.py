@@ -1,7 +1,5 @@
 """Finds the storeys of a building and takes one of them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.canonical_axes import Level, indoor_levels
+from anm_mj.scene.importing.canonical_axes import apart, indoor_levels
 from anm_mj.scene.raster import areas, clip, clip_to_slab, level_mask
 from anm_mj.scene.submesh import Submesh
 
@@ -41,22 +39,12 @@ class Storey:
     high_m: float
     """Highest height that belongs to it; infinite for the uppermost storey [m]."""
 
-    def lowered(self, by_m: float) -> Storey:
-        """The storey in a world whose z = 0 lies higher by ``by_m``."""
-        return Storey(self.floor_m - by_m, self.walkable_m2, self.low_m - by_m, self.high_m - by_m)
-
 
 def find_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Storey]:
     """The storeys of triangles with z up, from the lowest to the highest; at most eight."""
-    found: list[Level] = []
-    all_levels = indoor_levels(triangles_m)
-    if not all_levels:
-        return []
-    most = max(level.walkable_m2 for level in all_levels)
-    for level in sorted(all_levels, key=lambda level: -level.walkable_m2):
-        if level.walkable_m2 >= max(_SHARE * most, 1.0) and all(abs(level.z_m - own.z_m) > _APART_M for own in found):
-            found.append(level)
-    found.sort(key=lambda level: level.z_m)
+    by_size = sorted(indoor_levels(triangles_m), key=lambda level: -level.walkable_m2)
+    large = [level for level in by_size if level.walkable_m2 >= max(_SHARE * by_size[0].walkable_m2, 1.0)]
+    found = sorted(apart(large, _APART_M), key=lambda level: level.z_m)
     # Things stand on a floor from one of its ends to the other; on a roof they do not. The ground goes on beyond.
     spread = np.array([_spread(triangles_m, level.z_m) for level in found]).reshape(-1, 2)
     has_walls = (spread > _WALLED * spread.max(axis=0, initial=0.0)).all(axis=1)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.scene.importing.canonical_axes import covered_share, find_floor, find_scale, find_up, rotation_to_z_up
+from anm_mj.scene.importing.canonical_axes import R_WORLD_SOURCE, covered_share, find_floor, find_scale, find_up
 from anm_mj.scene.importing.storeys import find_storeys
 from tests.scene.shapes import box, room, table, to_y_up, two_rooms
 
@@ -49,13 +49,13 @@ def test_a_cube_without_evidence_keeps_the_usual_axis():
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_rotations_are_proper_and_put_the_axis_up(up):
-    rotation = rotation_to_z_up(up)
+    rotation = R_WORLD_SOURCE[up]
     assert np.isclose(np.linalg.det(rotation), 1.0)
     assert np.allclose(rotation @ np.eye(3)["xyz".index(up)], [0.0, 0.0, 1.0])
 
 
 def test_a_gltf_scene_keeps_x_and_turns_minus_z_into_y():
-    assert np.allclose(rotation_to_z_up("y") @ [1.0, 2.0, 3.0], [1.0, -3.0, 2.0])
+    assert np.allclose(R_WORLD_SOURCE["y"] @ [1.0, 2.0, 3.0], [1.0, -3.0, 2.0])
 
 
 @pytest.mark.parametrize("height", [-1.3, 0.0, 0.7])

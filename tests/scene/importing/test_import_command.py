@@ -4,7 +4,7 @@ import pytest
 
 from anm_mj.cli.main import main
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.importing.readers.source_formats import format_names
+from anm_mj.scene.importing.readers.source_formats import FORMATS
 from tests.cli.test_main import fails
 from tests.scene.furnished import furnished, write_glb
 
@@ -40,6 +40,6 @@ def test_wrong_options_are_refused_in_one_line(tmp_path, capsys):
 def test_every_kind_is_in_the_help_and_in_the_documentation(capsys):
     assert main(["scene", "import", "--help"]) == 0
     helped, documented = capsys.readouterr().out, _DOCS.read_text()
-    for name in format_names():
-        assert name in helped
-        assert f"| `{name}` |" in documented
+    for form in FORMATS:
+        assert form.name in helped
+        assert f"| `{form.name}` |" in documented

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts, check_triangles
-from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
-from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, MeshFacts, damaged
 from anm_mj.utils.read_file import read_bytes
 
 _NOT_SHOWN = (

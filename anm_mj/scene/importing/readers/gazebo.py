@@ -13,22 +13,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import find_floor
 from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, NO_MESH, NO_SHAPE, ImportReport
-from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
+from anm_mj.scene.importing.readers.model_path import XACRO, Places, find_uri, model_file, world_places
 from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_include import FOLDER, part_path, read_world
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
-from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, state_poses
+from anm_mj.scene.importing.readers.sdf_pose import Scope, Transform, is_true, numbers, state_poses, text_of
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
-from anm_mj.scene.importing.readers.xacro_file import XACRO
 from anm_mj.scene.raster import areas, clip_to_slab, grid_over, level_mask, rasterise
-from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
+from anm_mj.scene.submesh import Submesh, middle_of, transformed, triangles_of
 
 _FAR_M = 1000.0
 """A saved world may hold objects that have fallen off it; nothing indoors is so far from the origin [m]."""
@@ -92,12 +91,10 @@ class _Reader:
                 self._report.add(_SCALED, scaled.get("name", "a model"))
         # A file with a model instead of a world holds one part.
         self._read_scope(Scope(world, np.eye(4), state_poses(world), ""), "")
-        if self._submeshes and not self._grounds:
-            vertices, faces = merge_geometry(self._submeshes)
-            if lacks_ground(vertices[faces]):
-                self._report.add(_GROUND, self._name)
-                ground = plane_submesh((2.0 * _FAR_M, 2.0 * _FAR_M), np.array([0.0, 0.0, 1.0]), "ground")
-                self._grounds.append((ground, Material(PLAIN_RGB)))
+        if self._submeshes and not self._grounds and lacks_ground(triangles_of(self._submeshes)):
+            self._report.add(_GROUND, self._name)
+            ground = plane_submesh((2.0 * _FAR_M, 2.0 * _FAR_M), np.array([0.0, 0.0, 1.0]), "ground")
+            self._grounds.append((ground, Material(PLAIN_RGB)))
         return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
 
     def _read_scope(self, scope: Scope, part: str) -> None:
@@ -120,9 +117,7 @@ class _Reader:
             elif child.tag in ("actor", "population", "road"):
                 self._report.add(NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
 
-    def _read_visual(
-        self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path, part: str
-    ) -> None:
+    def _read_visual(self, visual: ET.Element, scope: Scope, T_world_link: Transform, folder: Path, part: str) -> None:
         shapes = visual.findall("geometry/*")
         shape = shapes[0] if shapes else None
         if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
@@ -156,7 +151,7 @@ class _Reader:
             self._submeshes.append(stand(with_material(submesh, material)))
 
     def _read_joint(self, joint: ET.Element, scope: Scope, part: str) -> None:
-        child = (joint.findtext("child") or "").strip()
+        child = text_of(joint, "child")
         link = next((link for link in scope.element.findall("link") if link.get("name") == child), None)
         axis = joint.find("axis")
         if joint.get("type") not in ("revolute", "prismatic", "continuous") or link is None or axis is None:
@@ -165,7 +160,7 @@ class _Reader:
         xyz = axis.find("xyz")
         direction = np.array(numbers(xyz, 3, (0.0, 0.0, 1.0)))
         expressed_in = None if xyz is None else xyz.get("expressed_in")
-        in_model = (axis.findtext("use_parent_model_frame") or "").strip().lower() in ("1", "true")
+        in_model = is_true(axis.findtext("use_parent_model_frame"))
         T_world_axis = scope.frame(expressed_in) if expressed_in else scope.T_world_scope if in_model else T_world_joint
         low, high = (numbers(axis.find(f"limit/{end}"), 1, (math.nan,))[0] for end in ("lower", "upper"))
         # Endless limits are written as huge numbers.
@@ -182,7 +177,7 @@ class _Reader:
 
     def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
         """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
-        uri = (shape.findtext("uri") or "").strip()
+        uri = text_of(shape, "uri")
         path = find_uri(uri, folder, self._places, self._report)
         if path is None or not os.path.isfile(path):
             self._report.add(NO_MESH, uri.partition("://")[2] or uri)
@@ -196,17 +191,14 @@ class _Reader:
                 self._report.add(LEFT_OUT, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
                 self._meshes[path] = []
         submeshes = self._meshes[path]
-        wanted = (shape.findtext("submesh/name") or "").strip()
+        wanted = text_of(shape, "submesh/name")
         if wanted:
             submeshes = [submesh for submesh in submeshes if _same_name(submesh.name, wanted)]
             if not submeshes:
                 self._report.add(NO_MESH, f"{wanted} in {path.name}")
-        if submeshes and (shape.findtext("submesh/center") or "").strip().lower() in ("true", "1"):
-            vertices, faces = merge_geometry(submeshes)
-            low, high = vertices[faces].reshape(-1, 3).min(axis=0), vertices[faces].reshape(-1, 3).max(axis=0)
-            submeshes = [
-                transformed(submesh, np.eye(3), -(low + high).astype(np.float64) / 2.0) for submesh in submeshes
-            ]
+        if submeshes and is_true(shape.findtext("submesh/center")):
+            shift = -middle_of(submeshes)
+            submeshes = [transformed(submesh, np.eye(3), shift) for submesh in submeshes]
         scale = np.diag(numbers(shape.find("scale"), 3, (1.0, 1.0, 1.0)))
         yield from (transformed(submesh, scale) for submesh in submeshes)
 
@@ -214,8 +206,7 @@ class _Reader:
         """A ground plane cut to what stands on it, and lowered a little under a floor of the world's own."""
         if not self._submeshes:
             return [with_material(ground, material)]
-        vertices, faces = merge_geometry(self._submeshes)
-        triangles = vertices[faces]
+        triangles = triangles_of(self._submeshes)
         low, high = triangles.reshape(-1, 3).min(axis=0)[:2], triangles.reshape(-1, 3).max(axis=0)[:2]
         own = ground.vertices_m
         low, high = np.maximum(low, own[:, :2].min(axis=0)), np.minimum(high, own[:, :2].max(axis=0))

@@ -1,19 +1,15 @@
 """Checks a glTF file before it is read: whether all of its triangles and textures can be, and how much there is."""
 
-import io
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
-
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.gltf_file import GltfFile, colour_slot, open_gltf
 from anm_mj.scene.importing.readers.import_limits import MAX_TRIANGLES, check_parts, check_triangles
-from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
-from anm_mj.scene.importing.readers.texture_file import UNDECODABLE, find_texture
+from anm_mj.scene.importing.readers.import_report import ImportReport, MeshFacts, damaged
+from anm_mj.scene.importing.readers.texture_file import UNDECODABLE, find_texture, is_decodable
 
 _BASIS = ("KHR_texture_basisu", "GOOGLE_texture_basis")
 _BASIS_NOTE = (
@@ -212,11 +208,7 @@ def _undecodable(gltf: GltfFile) -> Iterator[str]:
     for index in dict.fromkeys(source for own in textures.values() if (source := _source(own)) is not None):
         image = gltf.entry("images", index)
         data = gltf.image_bytes(image)
-        try:
-            if data is not None:
-                Image.open(io.BytesIO(data)).close()
-        # Pillow raises whatever a decoder stumbles over.
-        except Exception:
+        if data is not None and not is_decodable(data):
             uri = str(image.get("uri", "data:"))
             yield str(image.get("name") or (f"image {index}" if uri.startswith("data:") else uri))
 

@@ -94,12 +94,11 @@ class GltfFile:
 
 
 def open_gltf(src: Path, size: int) -> GltfFile:
-    """A .gltf or .glb of ``size`` bytes (glTF 2.0, section 4.4). Raises OSError, ValueError or struct.error if it
-    cannot be read, or is none.
-    """
+    """A .gltf or .glb of ``size`` bytes. Raises OSError, ValueError or struct.error if it cannot be read or is none."""
     body = 0
     with open_regular(src) as file:
         if src.suffix.lower() == ".glb":
+            # glTF 2.0, section 4.4.
             magic, _, length, json_length, kind = struct.unpack("<4sIII4s", file.read(20))
             if magic != b"glTF" or kind != b"JSON":
                 raise ValueError("it does not begin as a .glb does")
@@ -116,9 +115,7 @@ def open_gltf(src: Path, size: int) -> GltfFile:
 
 
 def even_gltf(src: Path) -> bytes:
-    """A glTF file as the library expects it: all primitives as :meth:`GltfFile.even_primitive` writes them. Raises
-    ValueError if it cannot be read.
-    """
+    """A glTF file, primitives as :meth:`GltfFile.even_primitive` has them. Raises ValueError if it cannot be read."""
     content = read_bytes(src, MAX_MESH_MIB)
     gltf = open_gltf(src, len(content))
     for mesh in gltf.header["meshes"]:

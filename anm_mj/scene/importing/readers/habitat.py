@@ -21,7 +21,7 @@ from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedS
 from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
 from anm_mj.scene.importing.readers.urdf import read_urdf
-from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
+from anm_mj.scene.submesh import Submesh, middle_of, transformed
 from anm_mj.utils.read_file import read_json
 
 _SCENE_SUFFIX = ".scene_instance.json"
@@ -165,9 +165,7 @@ class _Templates:
         shift = placement.translation_m
         matrix = placement.rotation * placement.scale
         if submeshes and placement.by_centre:
-            vertices, faces = merge_geometry(submeshes)
-            used = vertices[faces].reshape(-1, 3)
-            shift = shift - matrix @ (used.min(axis=0) + used.max(axis=0)) / 2.0
+            shift = shift - matrix @ middle_of(submeshes)
         return [replace(transformed(submesh, matrix, shift), part=placement.template) for submesh in submeshes]
 
     def _read(self, name: str) -> list[Submesh]:

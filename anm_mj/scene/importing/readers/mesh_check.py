@@ -8,8 +8,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.collada_check import check_collada
 from anm_mj.scene.importing.readers.gltf_check import check_gltf
 from anm_mj.scene.importing.readers.import_limits import check_size
-from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh_facts import MeshFacts
+from anm_mj.scene.importing.readers.import_report import ImportReport, MeshFacts
 from anm_mj.scene.importing.readers.obj_check import check_obj
 from anm_mj.utils.read_file import open_regular
 

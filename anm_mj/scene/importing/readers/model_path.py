@@ -1,5 +1,9 @@
-"""Finds the models and files that a Gazebo world or a URDF file names by URI, and says which of them may be read."""
+"""Finds the models and files that a Gazebo world or a URDF file names by URI, and says which of them may be read.
 
+Expands such a file where it is written with macros (xacro), and the program that does so is installed.
+"""
+
+import importlib
 import os
 import re
 import xml.etree.ElementTree as ET
@@ -8,10 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
+from anm_mj.errors import SceneError
 from anm_mj.mjcf.read_mjcf import LEVELS_UP, top_folder
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.utils.files import home_folder
 from anm_mj.utils.read_file import read_bytes
+
+XACRO = ".xacro"
 
 _VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
 _ROS = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"))
@@ -189,3 +196,20 @@ def _stays_below(name: str) -> bool:
 def _version(text: str) -> tuple[int, ...]:
     """A version number, for sorting; Python refuses to read numbers of thousands of digits."""
     return tuple(int(number) for number in re.findall(r"\d{1,9}", text))
+
+
+def expanded(src: Path) -> bytes:
+    """What the macros of a file make of it, by its defaults. Raises SceneError if xacro is missing, or refuses it."""
+    try:
+        xacro = importlib.import_module("xacro")
+    except ImportError:
+        raise SceneError(
+            f"{src} is written with macros: install xacro (pip install xacro), or expand it with "
+            f"`xacro {src.name} > {src.name.removesuffix(XACRO)}` and give that."
+        ) from None
+    try:
+        return xacro.process_file(str(src)).toxml().encode()
+    # xacro evaluates Python expressions, which raise anything.
+    except Exception as err:
+        line = str(err).strip().split("\n")[0] or type(err).__name__
+        raise SceneError(f"{src} cannot be expanded ({line}): fix it, or expand it with `xacro` yourself.") from err

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float64, Int64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts
-from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
-from anm_mj.scene.importing.readers.mesh_facts import MeshFacts
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, MeshFacts
+from anm_mj.scene.raster import normals
 from anm_mj.utils.read_file import open_regular, read_bytes
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -149,7 +149,6 @@ def _ears(outline: Float64[np.ndarray, "k 3"], normal: Float64[np.ndarray, "3"])
     flat = np.delete(outline, int(np.argmax(np.abs(normal))), axis=1)
     found = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32))
     triangles = found.reshape(-1, 3).astype(np.int64)
-    corners = outline[triangles]
-    turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ normal
+    turned = normals(outline[triangles]) @ normal
     triangles[turned < 0.0] = triangles[turned < 0.0][:, ::-1]
     return triangles

@@ -18,9 +18,8 @@ from anm_mj.scene.importing.bake_colours import bake_colours
 from anm_mj.scene.importing.readers.collada_check import even_collada
 from anm_mj.scene.importing.readers.gltf_file import even_gltf
 from anm_mj.scene.importing.readers.import_limits import check_textures
-from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, damaged
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
-from anm_mj.scene.importing.readers.mesh_facts import damaged
 from anm_mj.scene.importing.readers.obj_check import even_text
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, MeshNeighbours, TextureStore

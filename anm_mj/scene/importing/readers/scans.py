@@ -39,9 +39,7 @@ class ScanLayout:
 
 
 def read_scan(layout: ScanLayout, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-    """The scene in a folder or file of this layout. Raises SceneError if a folder holds no mesh where the layout has
-    it, or the mesh cannot be read.
-    """
+    """The scene in a folder or file. Raises SceneError if a folder lacks the layout's mesh, or it cannot be read."""
     del model_paths
     mesh = src if src.is_file() else layout.find(src)
     if mesh is None:
@@ -70,11 +68,8 @@ def _within(path: Path, *names: str) -> bool:
 def _find_gibson(src: Path) -> Path | None:
     """Habitat's <Scene>.glb in a folder named gibson; iGibson's and GibsonEnv's folder with mesh_z_up.obj."""
     if src.is_dir():
-        turned = _first([src / "mesh_z_up.obj"])
-        if turned is not None:
-            return turned
         own = any((src / name).exists() for name in ("camera_poses.csv", "floors.txt", "pano"))
-        return _first([src / "mesh.obj"]) if own else None
+        return _first([src / "mesh_z_up.obj", *([src / "mesh.obj"] if own else [])])
     if src.name == "mesh_z_up.obj":
         return src
     return src if src.suffix.lower() == ".glb" and _within(src, "gibson", "gibson_habitat") else None
@@ -119,10 +114,9 @@ def _find_replica(src: Path) -> Path | None:
         return src
     if src.is_file() and src.name != "mesh.ply":
         return None
-    own = any(
-        (folder / name).exists() for name in ("habitat", "semantic.json", "semantic.bin", "glass.sur", "preseg.bin")
-    )
-    return _first([src if src.is_file() else src / "mesh.ply"]) if own else None
+    beside = ("habitat", "semantic.json", "semantic.bin", "glass.sur", "preseg.bin")
+    own = any((folder / name).exists() for name in beside)
+    return _first([folder / "mesh.ply"]) if own else None
 
 
 SCAN_LAYOUTS = (

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import NO_SHAPE, ImportReport
-from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, uri_name
-from anm_mj.scene.importing.readers.sdf_pose import FRAMED, Scope, relative_to
-from anm_mj.scene.importing.readers.xacro_file import XACRO, expanded
+from anm_mj.scene.importing.readers.model_path import XACRO, Places, expanded, find_uri, model_file, uri_name
+from anm_mj.scene.importing.readers.sdf_pose import FRAMED, Scope, is_true, relative_to, text_of
 from anm_mj.utils.read_file import read_bytes
 
 FOLDER = "anm_mj_folder"
@@ -73,7 +72,7 @@ class _Includes:
     def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
         at = list(parent).index(include)
         parent.remove(include)
-        uri = (include.findtext("uri") or "").strip()
+        uri = text_of(include, "uri")
         name = uri_name(uri)
         # Gazebo's own come under several names; Fuel's "Ground Plane" is "ground_plane" of the former model database.
         standard = name.lower().replace(" ", "_")
@@ -100,7 +99,7 @@ class _Includes:
             return
         self.models.add(file.parent.name)
         if include.findtext("name"):
-            model.set("name", (include.findtext("name") or "").strip())
+            model.set("name", text_of(include, "name"))
         if include.get("placement_frame") or include.findtext("placement_frame"):
             model.set("placement_frame", include.get("placement_frame") or include.findtext("placement_frame") or "")
         pose, stated = include.find("pose"), model.find("pose")
@@ -110,7 +109,7 @@ class _Includes:
             model.append(pose)
         parent.insert(at, model)
         self.expand(parent, model, file.absolute().parent, depth + 1)
-        if parent.tag == "model" and include.get("merge", "").strip().lower() in ("true", "1"):
+        if parent.tag == "model" and is_true(include.get("merge")):
             _merge(parent, model)
 
 

@@ -18,7 +18,7 @@ from jaxtyping import UInt8
 
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri
-from anm_mj.scene.importing.readers.sdf_pose import numbers
+from anm_mj.scene.importing.readers.sdf_pose import numbers, text_of
 from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, read_texture
 from anm_mj.scene.importing.readers.texture_limit import flat_coloured
 from anm_mj.scene.submesh import Submesh
@@ -66,12 +66,10 @@ class MaterialReader:
     _scripts: dict[Path, dict[str, _Script]] = field(default_factory=dict)
 
     def read(self, element: ET.Element | None, folder: Path) -> Material | None:
-        """The material that a <material> element in a file of ``folder`` gives; None where it gives none. Raises
-        SceneError if a colour is no numbers.
-        """
+        """The material of a <material> in a file of ``folder``, if any. Raises SceneError if a colour is no numbers."""
         if element is None:
             return None
-        albedo = (element.findtext("pbr/*/albedo_map") or "").strip()
+        albedo = text_of(element, "pbr/*/albedo_map")
         diffuse, ambient = _colour(element.find("diffuse")), _colour(element.find("ambient"))
         texture = self._texture(albedo, [folder], folder) if albedo else None
         if texture is not None:
@@ -79,7 +77,7 @@ class MaterialReader:
         if diffuse is not None:
             return Material(diffuse)
         script = element.find("script")
-        name = "" if script is None else (script.findtext("name") or "").strip()
+        name = "" if script is None else text_of(script, "name")
         scripted = self._scripted(name, script, folder) if script is not None and name else None
         return scripted or (None if ambient is None else Material(ambient))
 

@@ -36,6 +36,16 @@ def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) 
     return values[:count]
 
 
+def text_of(element: ET.Element, path: str) -> str:
+    """The text of the first such element within another; empty where there is none."""
+    return (element.findtext(path) or "").strip()
+
+
+def is_true(text: str | None) -> bool:
+    """Whether a text stands for true; nothing does not."""
+    return (text or "").strip().lower() in ("true", "1")
+
+
 def pose_of(element: ET.Element) -> Transform:
     """The <pose> of an element as T_frame_element; where it states none, the identity.
 
@@ -51,7 +61,7 @@ def pose_of(element: ET.Element) -> Transform:
         matrix[:3, :3] = quaternion_matrix((xyzw[3], xyzw[0], xyzw[1], xyzw[2]))
     else:
         x, y, z, *rpy = numbers(pose, 6, (0.0,) * 6)
-        if pose is not None and pose.get("degrees", "false").strip().lower() in ("true", "1"):
+        if pose is not None and is_true(pose.get("degrees")):
             rpy = [math.radians(angle) for angle in rpy]
         matrix[:3, :3] = rpy_matrix(rpy[0], rpy[1], rpy[2])
     matrix[:3, 3] = x, y, z
@@ -174,7 +184,7 @@ class Scope:
         if not frame and child.tag == "frame":
             frame = child.get("attached_to")
         if not frame and child.tag == "joint":
-            frame = (child.findtext("child") or "").strip()
+            frame = text_of(child, "child")
         return frame or ""
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from anm_mj.errors import SceneError
 from anm_mj.mjcf.read_mjcf import is_mjcf
@@ -25,8 +26,9 @@ class SceneFormat:
     """What ``--format`` calls it."""
     matches: Callable[[Path], bool]
     """Whether a file or folder that is there has this format."""
-    read: Callable[[Path, Sequence[Path], ImportReport], ParsedScene]
-    """Reads a source, given folders to look for models in; reports what it must leave out."""
+    read: Callable[..., ParsedScene]
+    """Reads a source, given folders to look for models in; reports what it must leave out. That of MuJoCo worlds takes
+    options."""
 
 
 _CONVERTERS = {
@@ -49,10 +51,10 @@ _CONVERTERS = {
 """What files of other formats are, by suffix, and how they are converted."""
 
 
-def _read_mjcf(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
+def _read_mjcf(src: Path, model_paths: Sequence[Path], report: ImportReport, **options: Any) -> ParsedScene:
     from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf  # Loads MuJoCo.
 
-    return read_mjcf(src, model_paths, report)
+    return read_mjcf(src, model_paths, report, **options)
 
 
 FORMATS = (
@@ -68,15 +70,8 @@ FORMATS = (
 """All formats; the first that matches a source is taken."""
 
 
-def format_names() -> tuple[str, ...]:
-    """What ``--format`` takes, but for "auto"."""
-    return tuple(form.name for form in FORMATS)
-
-
 def find_format(src: Path, name: str = "auto") -> SceneFormat:
-    """The format of a source, or the one of that name. Raises SceneError if the source is missing, no format has that
-    name, or the source has none.
-    """
+    """The format of a source, or of that name. Raises SceneError if the source is missing, or there is no format."""
     if not os.path.exists(src):  # Unlike Path.exists, never an error.
         raise SceneError(
             f"{src} does not exist: give the path of a mesh file, a world, a data set's scene or a floor plan."
@@ -84,9 +79,8 @@ def find_format(src: Path, name: str = "auto") -> SceneFormat:
     if name != "auto":
         named = next((form for form in FORMATS if form.name == name), None)
         if named is None:
-            raise SceneError(
-                f"There is no format {name!r}: give auto, floorplan or one of {', '.join(format_names())}."
-            )
+            names = ", ".join(form.name for form in FORMATS)
+            raise SceneError(f"There is no format {name!r}: give auto, floorplan or one of {names}.")
         return named
     try:
         found = next((form for form in FORMATS if form.matches(src)), None)

@@ -50,18 +50,12 @@ class MeshNeighbours(FilePathResolver):
             self._report.add(MISSING, Path(name.replace("\\", "/")).name)
             raise FileNotFoundError(name)
         content = b"\n".join(read_bytes(path, MAX_MESH_MIB) for path in found)
-        if found[0].suffix.lower() != ".mtl" and self._mesh.suffix.lower() not in (".glb", ".gltf"):
-            self._look_at(content, found[0].name)
-        return content
-
-    def _look_at(self, content: bytes, name: str) -> None:
-        """Note a picture that the library would leave out without a word; those of glTF files are looked at before."""
-        try:
-            Image.open(io.BytesIO(content)).close()
-        # Pillow raises whatever a decoder stumbles over.
-        except Exception:
+        # The library would leave it out without a word; pictures of glTF files are looked at before.
+        is_picture = found[0].suffix.lower() != ".mtl" and self._mesh.suffix.lower() not in (".glb", ".gltf")
+        if is_picture and not is_decodable(content):
             self.missed = True
-            self._report.add(UNDECODABLE, f"{name} of {self._mesh.name}")
+            self._report.add(UNDECODABLE, f"{found[0].name} of {self._mesh.name}")
+        return content
 
     def namespaced(self, namespace: str) -> MeshNeighbours:
         """The same for the files of a subfolder."""
@@ -82,6 +76,16 @@ def find_texture(name: str, folder: Path) -> Path | None:
     return next((place for place in places if os.path.isfile(place) and is_below(place, own)), None) if last else None
 
 
+def is_decodable(picture: bytes) -> bool:
+    """Whether the beginning of a picture file is that of one."""
+    try:
+        Image.open(io.BytesIO(picture)).close()
+    # Pillow raises whatever a decoder stumbles over.
+    except Exception:
+        return False
+    return True
+
+
 def read_texture(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
     """An image file as RGB of at most 1024 px a side, or None if it cannot be decoded."""
     try:
@@ -94,8 +98,7 @@ def read_texture(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
 
 def shrunk(image: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
     """An image as RGB of at most 1024 px a side; the opacity channel is dropped."""
-    largest = max(image.size)
-    if largest > MAX_TEXTURE_PX:
+    if max(image.size) > MAX_TEXTURE_PX:
         # A JPEG that is not decoded yet is decoded at a fraction of its size, which saves most of the memory.
         image.draft("RGB", (MAX_TEXTURE_PX, MAX_TEXTURE_PX))
     return resized(np.array(_eight_bit(image).convert("RGB")), MAX_TEXTURE_PX)

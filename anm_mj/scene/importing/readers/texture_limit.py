@@ -3,6 +3,9 @@
 import logging
 from dataclasses import replace
 
+import numpy as np
+from jaxtyping import UInt8
+
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
 from anm_mj.scene.raster import areas
 from anm_mj.scene.submesh import Submesh
@@ -23,27 +26,21 @@ def limit_textures(submeshes: list[Submesh]) -> list[Submesh]:
     those with a tile per triangle keep their size. The log reports both.
     """
     submeshes = _fewest(submeshes)
-    textured = {id(submesh.texture): submesh for submesh in submeshes}.values()
+    textured = {id(own.texture): (own.texture, own.tiled) for own in submeshes if own.texture is not None}
     side = MAX_TEXTURE_PX
-    while sum(_texels(submesh, side) for submesh in textured) > MAX_TEXELS and side > _MIN_SIDE_PX:
+    while sum(_texels(*own, side) for own in textured.values()) > MAX_TEXELS and side > _MIN_SIDE_PX:
         side //= 2
     if side == MAX_TEXTURE_PX:
         return submeshes
     _logger.warning("the textures are large together: they were reduced to %d px a side", side)
-    small = {
-        id(submesh.texture): resized(submesh.texture, side)
-        for submesh in textured
-        if submesh.texture is not None and not submesh.tiled
-    }
+    small = {key: resized(texture, side) for key, (texture, tiled) in textured.items() if not tiled}
     return [replace(submesh, texture=small.get(id(submesh.texture), submesh.texture)) for submesh in submeshes]
 
 
-def _texels(submesh: Submesh, side: int) -> int:
-    """Number of texels of a submesh if its texture, unless it is tiled, were at most ``side`` wide and high."""
-    if submesh.texture is None:
-        return 0
-    height, width, _ = submesh.texture.shape
-    share = 1.0 if submesh.tiled else min(1.0, side / max(height, width))
+def _texels(texture: UInt8[np.ndarray, "h w 3"], tiled: bool, side: int) -> int:
+    """Number of texels of a texture if it, unless it is tiled, were at most ``side`` wide and high."""
+    height, width, _ = texture.shape
+    share = 1.0 if tiled else min(1.0, side / max(height, width))
     return int(height * width * share**2)
 
 
@@ -62,16 +59,11 @@ def _fewest(submeshes: list[Submesh]) -> list[Submesh]:
         MAX_TEXTURES,
         len(area_m2) - MAX_TEXTURES,
     )
-    return [
-        flat_coloured(submesh)
-        if submesh.texture is not None and (id(submesh.texture), submesh.rgb) not in kept
-        else submesh
-        for submesh in submeshes
-    ]
+    return [own if (id(own.texture), own.rgb) in kept else flat_coloured(own) for own in submeshes]
 
 
 def flat_coloured(submesh: Submesh) -> Submesh:
-    """The same submesh in the mean colour of its texture."""
+    """The same submesh in the mean colour of its texture, if it has one."""
     if submesh.texture is None:
         return submesh
     red, green, blue = submesh.texture.reshape(-1, 3).mean(axis=0) / 255.0 * submesh.rgb

@@ -113,9 +113,7 @@ def _step_work(model: mujoco.MjModel, data: mujoco.MjData) -> int:
 
 
 def up_axis(model: mujoco.MjModel) -> Literal["x", "y", "z"]:
-    """The axis that gravity points against; z where there is none, or where it is none of the three. Raises SceneError
-    if gravity is no number.
-    """
+    """The axis against gravity; z where there is none, or it is slanted. Raises SceneError if it is no number."""
     up = -np.asarray(model.opt.gravity, dtype=np.float64)
     if not np.isfinite(up).all():
         raise SceneError(f"The gravity {model.opt.gravity} of the world is no number: repair <option gravity=.../>.")

@@ -26,21 +26,22 @@ _BODIES_M = ((0.05, 1.4), (1.0, 1.4))
 _LEVEL = 0.999
 """Cosine of the angle to the vertical."""
 
+_Box = Float64[np.ndarray, "2 3"]
+_Vector = Float64[np.ndarray, "3"]
+
 
 class Placement(NamedTuple):
     """Where a geom stands in the world."""
 
     rotation: Float64[np.ndarray, "3 3"]
-    position_m: Float64[np.ndarray, "3"]
+    position_m: _Vector
 
     def moved(self, shape: Shape) -> Float64[np.ndarray, "v 3"]:
         """Vertices of a geom's shape in the world [m]."""
         return shape.vertices_m @ self.rotation.T + self.position_m
 
 
-def ground_box(
-    points_m: Float64[np.ndarray, "n 3"], obstacles_m: Float64[np.ndarray, "f 3 3"]
-) -> tuple[Float64[np.ndarray, "2 3"], bool]:
+def ground_box(points_m: Float64[np.ndarray, "n 3"], obstacles_m: Float64[np.ndarray, "f 3 3"]) -> tuple[_Box, bool]:
     """The box to which grounds are cut, and whether walls enclose it: then nothing beside it belongs to the building.
 
     It is the box about ``points_m``, the corners of everything that is no ground, or a wider one where no walls enclose
@@ -56,9 +57,7 @@ def ground_box(
     return np.stack([low, high]), enclosed
 
 
-def _is_enclosed(
-    obstacles_m: Float64[np.ndarray, "f 3 3"], low: Float64[np.ndarray, "3"], high: Float64[np.ndarray, "3"]
-) -> bool:
+def _is_enclosed(obstacles_m: Float64[np.ndarray, "f 3 3"], low: _Vector, high: _Vector) -> bool:
     """Whether obstacles stand along most of the outline of a box, within its outer twentieth, or around most of it."""
     side_m = float((high - low)[:2].max())
     if not len(obstacles_m) or side_m <= 0.0:
@@ -93,9 +92,7 @@ def _share_inside(solid: Bool[np.ndarray, "rows cols"], cell_m: float) -> float:
     return float(rooms.sum()) / solid.size
 
 
-def cut_plane(
-    half_m: Float64[np.ndarray, "2"], place: Placement, box_m: Float64[np.ndarray, "2 3"], is_ground: bool
-) -> Shape | None:
+def cut_plane(half_m: Float64[np.ndarray, "2"], place: Placement, box_m: _Box, is_ground: bool) -> Shape | None:
     """A plane of half width and depth ``half_m`` (0: endless) as a rectangle in its own frame; None if nothing is left.
 
     It is cut to a box where it is endless or wide, or is the ground, however narrow [m].
@@ -110,16 +107,14 @@ def cut_plane(
     return None if (high <= low)[:2].any() else rectangle(low[:2], high[:2])
 
 
-def _in_frame(
-    box_m: Float64[np.ndarray, "2 3"], place: Placement
-) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+def _in_frame(box_m: _Box, place: Placement) -> tuple[_Vector, _Vector]:
     """Lower and upper corner of the bounds that a box of the world has in a geom's frame [m]."""
     corners = np.array(np.meshgrid(*box_m.T)).reshape(3, -1).T
     local = (corners - place.position_m) @ place.rotation
     return local.min(axis=0), local.max(axis=0)
 
 
-def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.ndarray, "2 3"]) -> bool:
+def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: _Box) -> bool:
     """Whether a plane has more room beside an enclosed building than in it: the robot would take that for the scene.
 
     ``half_m`` is half its width and depth, ``up`` the upward part of its normal, ``box_m`` the building, z up [m].
@@ -127,10 +122,8 @@ def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.nda
     return up > _LEVEL and 4.0 * float(half_m.prod()) > 2.0 * float(np.ptp(box_m[:, :2], axis=0).prod())
 
 
-def cut_height_field(shape: Shape, place: Placement, box_m: Float64[np.ndarray, "2 3"]) -> Shape | None:
-    """A height field without its underside, which would be the largest floor, and where it is wide without the
-    triangles that lie wholly beside a box.
-    """
+def cut_height_field(shape: Shape, place: Placement, box_m: _Box) -> Shape | None:
+    """A height field without its underside, which would be the largest floor; if wide, without what is beside a box."""
     first, second, third = np.moveaxis(shape.vertices_m[shape.faces][:, :, :2], 1, 0)
     across, up = second - first, third - first
     turn = across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0]
@@ -143,14 +136,14 @@ def cut_height_field(shape: Shape, place: Placement, box_m: Float64[np.ndarray, 
     return Shape(shape.vertices_m, faces, shape.unit) if len(faces) else None
 
 
-def is_wide_slab(half_m: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray, "3 3"]) -> bool:
+def is_wide_slab(half_m: _Vector, rotation: Float64[np.ndarray, "3 3"]) -> bool:
     """Whether a box of half lengths ``half_m`` [m] with a ``rotation`` in the world is as flat and wide as a ground."""
     upright = int(np.argmax(np.abs(rotation[2])))
     aside = np.delete(half_m, upright)
     return bool(abs(rotation[2, upright]) > _LEVEL and aside.max() > _WIDE_M / 2.0 and half_m[upright] < aside.min())
 
 
-def cut_slab(shape: Shape, place: Placement, box_m: Float64[np.ndarray, "2 3"]) -> Shape:
+def cut_slab(shape: Shape, place: Placement, box_m: _Box) -> Shape:
     """A box that lies flat, cut to what stands on it where it is a ground; whole where it is a floor or lies aside.
 
     Its vertices are its corners, ``place`` is that of its middle, and ``box_m`` as of :func:`ground_box`.

@@ -13,7 +13,7 @@ from jaxtyping import Float64, UInt8
 
 from anm_mj.mjcf.texture_image import texture_image
 from anm_mj.scene.importing.bake_colours import bake_colours
-from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape
+from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape, half_lengths
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
 from anm_mj.scene.submesh import Submesh
 
@@ -89,7 +89,7 @@ class Looks:
     def _coordinates(self, geom: int, shape: Shape, mapping: _Mapping) -> Float64[np.ndarray, "v 2"]:
         if shape.texcoord is not None and not shape.repeats:
             return shape.texcoord
-        size = self._extent(geom)[:2]
+        size = half_lengths(self._model, geom)[:2]
         if shape.texcoord is not None:
             return shape.texcoord * (mapping.repeat * size if mapping.uniform else mapping.repeat)
         scale = mapping.repeat
@@ -97,19 +97,9 @@ class Looks:
             scale = np.where(size > 0.0, scale / np.where(size > 0.0, size, 1.0), scale)
         return np.stack([0.5 * scale[0] * shape.unit[:, 0] - 0.5, -0.5 * scale[1] * shape.unit[:, 1] - 0.5], axis=1)
 
-    def _extent(self, geom: int) -> Float64[np.ndarray, "3"]:
-        """Half lengths of a geom as the renderer has them; 0 along an endless plane [m]."""
-        size = np.asarray(self._model.geom_size[geom], dtype=np.float64)
-        kind = int(self._model.geom_type[geom])
-        if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-            return np.full(3, size[0])
-        if kind in (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE):
-            return size[[0, 0, 1]]
-        return size
-
     def _cube(self, geom: int, shape: Shape, plain: Submesh, mapping: _Mapping) -> list[Submesh]:
         """A geom with a cube texture: a picture on every face of a box, colours at the corners of anything else."""
-        stretch = self._extent(geom) if mapping.uniform else np.ones(3)
+        stretch = half_lengths(self._model, geom) if mapping.uniform else np.ones(3)
         faces = _cube_faces(self._picture(mapping.texture))
         if int(self._model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_BOX:
             return [_box_with_pictures(shape, plain, faces, stretch)]

@@ -39,7 +39,7 @@ def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
     import mujoco
 
     kinds = mujoco.mjtGeom
-    kind, size = int(model.geom_type[geom]), np.asarray(model.geom_size[geom], dtype=np.float64)
+    kind, size = int(model.geom_type[geom]), half_lengths(model, geom)
     slices, stacks = int(model.vis.quality.numslices), int(model.vis.quality.numstacks)
     if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
         return _mesh(model, int(model.geom_dataid[geom]))
@@ -49,15 +49,22 @@ def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
         return rectangle(-size[:2], size[:2]) if size[:2].all() else None
     if kind == kinds.mjGEOM_BOX:
         return unit_box().scaled(size)
-    if kind == kinds.mjGEOM_SPHERE:
-        return _unit_sphere(slices, stacks).scaled(np.full(3, size[0]))
-    if kind == kinds.mjGEOM_ELLIPSOID:
+    if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
         return _unit_sphere(slices, stacks).scaled(size)
     if kind == kinds.mjGEOM_CYLINDER:
-        return _joined([_tube(slices), _disk(slices, -1), _disk(slices, 1)]).scaled(size[[0, 0, 1]])
-    if kind == kinds.mjGEOM_CAPSULE:
-        return _capsule(slices, stacks, float(size[0]), float(size[1]))
-    return None
+        return _joined([_tube(slices), _disk(slices, -1), _disk(slices, 1)]).scaled(size)
+    return _capsule(slices, stacks, size) if kind == kinds.mjGEOM_CAPSULE else None
+
+
+def half_lengths(model: mujoco.MjModel, geom: int) -> Float64[np.ndarray, "3"]:
+    """Half lengths of a geom along its axes as the renderer has them; 0 along an endless plane [m]."""
+    import mujoco
+
+    size = np.asarray(model.geom_size[geom], dtype=np.float64)
+    kind = int(model.geom_type[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.full(3, size[0])
+    return size[[0, 0, 1]] if kind in (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE) else size
 
 
 def num_triangles(model: mujoco.MjModel, geom: int) -> int:
@@ -68,9 +75,9 @@ def num_triangles(model: mujoco.MjModel, geom: int) -> int:
     kind, data = int(model.geom_type[geom]), int(model.geom_dataid[geom])
     slices, stacks = (max(1, int(number)) for number in (model.vis.quality.numslices, model.vis.quality.numstacks))
     if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
-        return int(model.mesh_facenum[data]) if data >= 0 else 0
+        return int(model.mesh_facenum[data])
     if kind == kinds.mjGEOM_HFIELD:
-        return 2 * int(model.hfield_nrow[data]) * int(model.hfield_ncol[data]) if data >= 0 else 0
+        return 2 * int(model.hfield_nrow[data]) * int(model.hfield_ncol[data])
     if kind == kinds.mjGEOM_CYLINDER:
         return 4 * slices
     return 2 * slices * stacks if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_CAPSULE) else 12
@@ -83,10 +90,8 @@ def rectangle(low_m: Float64[np.ndarray, "2"], high_m: Float64[np.ndarray, "2"])
     return Shape(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices)
 
 
-def _mesh(model: mujoco.MjModel, mesh: int) -> Shape | None:
+def _mesh(model: mujoco.MjModel, mesh: int) -> Shape:
     """A mesh; corners with their own texture coordinates become vertices of their own."""
-    if mesh < 0:
-        return None
     first, num = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
     at, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     vertices = model.mesh_vert[at : at + count].astype(np.float64)
@@ -101,9 +106,7 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Shape | None:
     return Shape(own, index.reshape(-1, 3).astype(np.int64), own, coordinates[pairs[:, 1]])
 
 
-def _height_field(model: mujoco.MjModel, field: int) -> Shape | None:
-    if field < 0:
-        return None
+def _height_field(model: mujoco.MjModel, field: int) -> Shape:
     rows, cols = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     x_m, y_m, top_m, base_m = (float(value) for value in model.hfield_size[field])
     at = int(model.hfield_adr[field])
@@ -126,12 +129,6 @@ def _height_field(model: mujoco.MjModel, field: int) -> Shape | None:
     return Shape(vertices, np.concatenate(faces).astype(np.int64), vertices)
 
 
-def _unit(
-    vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"], texcoord: Float64[np.ndarray, "v 2"]
-) -> Shape:
-    return Shape(vertices, faces, vertices, texcoord, repeats=True)
-
-
 def unit_box() -> Shape:
     """A box from -1 to 1 whose six faces have corners of their own, in the order +x, -x, +y, -y, +z, -z."""
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -146,7 +143,8 @@ def unit_box() -> Shape:
             right, up = corners[:, 1 if axis == 0 else 0], corners[:, 1 if axis == 2 else 2]
             texcoord.append(np.stack([0.5 + 0.5 * right, 0.5 - 0.5 * up], axis=1))
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(6)])
-    return _unit(np.concatenate(vertices), faces.astype(np.int64), np.concatenate(texcoord))
+    unit = np.concatenate(vertices)
+    return Shape(unit, faces.astype(np.int64), unit, np.concatenate(texcoord), repeats=True)
 
 
 def _unit_sphere(slices: int, stacks: int) -> Shape:
@@ -172,7 +170,7 @@ def _turned(
     lower, upper = (np.repeat(end > 1e-9, slices) for end in (radius[:-1], radius[1:]))
     # At a pole one of the two triangles has no area.
     faces = np.concatenate([np.stack([a, b, c], axis=1)[lower], np.stack([a, c, d], axis=1)[upper]])
-    return _unit(vertices, faces, texcoord)
+    return Shape(vertices, faces, vertices, texcoord, repeats=True)
 
 
 def _tube(slices: int) -> Shape:
@@ -183,22 +181,21 @@ def _disk(slices: int, side: int) -> Shape:
     """The end of a cylinder at z = ``side``, facing away from it."""
     flat = _turned(np.array([1.0, 0.0]), np.full(2, float(side)), np.zeros(2), slices)
     faces = flat.faces if side > 0 else flat.faces[:, ::-1]
-    return _unit(flat.unit, faces, 0.5 + 0.5 * flat.unit[:, :2])
+    return replace(flat, faces=faces, texcoord=0.5 + 0.5 * flat.unit[:, :2])
 
 
-def _capsule(slices: int, stacks: int, radius_m: float, half_m: float) -> Shape:
-    """A capsule along z: a tube of twice ``half_m`` between two half spheres."""
+def _capsule(slices: int, stacks: int, size: Float64[np.ndarray, "3"]) -> Shape:
+    """A capsule along z: a tube of the size between two half spheres."""
     half = max(1, stacks // 2)
     share = np.arange(half + 1) / half
-    v = 1.0 - share
-    top = _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), v, slices)
-    bottom = _turned(np.cos(np.pi / 2.0 * share), -np.sin(np.pi / 2.0 * share), 1.0 - v, slices)
+    v, radius, z = 1.0 - share, np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share)
+    top, bottom = _turned(radius, z, v, slices), _turned(radius, -z, 1.0 - v, slices)
     bottom = replace(bottom, faces=bottom.faces[:, ::-1])
     ends = [
-        replace(end, vertices_m=end.unit * radius_m + shift * half_m, unit=end.unit + shift)
+        replace(end, vertices_m=end.unit * size[0] + shift * size[2], unit=end.unit + shift)
         for end, shift in ((top, np.array([0.0, 0.0, 1.0])), (bottom, np.array([0.0, 0.0, -1.0])))
     ]
-    return _joined([_tube(slices).scaled(np.array([radius_m, radius_m, half_m])), *ends])
+    return _joined([_tube(slices).scaled(size), *ends])
 
 
 def _joined(pieces: list[Shape]) -> Shape:

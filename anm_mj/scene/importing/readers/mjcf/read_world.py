@@ -16,7 +16,7 @@ from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import FARTHEST_M
 from anm_mj.scene.importing.readers.import_limits import MAX_TRIANGLES
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
+from anm_mj.scene.importing.readers.mjcf.bodies import free_bodies, joints_of, movable_of, part_names, robot_bodies
 from anm_mj.scene.importing.readers.mjcf.compile_world import compiled, initial_state, up_axis
 from anm_mj.scene.importing.readers.mjcf.cut_ground import (
     Placement,
@@ -29,7 +29,6 @@ from anm_mj.scene.importing.readers.mjcf.cut_ground import (
 )
 from anm_mj.scene.importing.readers.mjcf.geom_textures import Looks, geom_rgba
 from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape, geom_shape, num_triangles
-from anm_mj.scene.importing.readers.mjcf.movables import free_bodies, movable_of
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.submesh import Submesh, transformed
 
