@@ -16,9 +16,6 @@ from anm_mj.utils.settings import of_type
 
 T = TypeVar("T", CameraConfig, RobotConfig)
 
-ROBOT_PREFIX = "robot/"
-"""Prefix of the robot's joint names in a scene."""
-
 
 def explored_scene(record: Run, scene: str | None = None) -> Scene:
     """The scene that a run explored. ``scene`` is its present name or folder, if it has moved. Raises SceneError if
@@ -48,12 +45,8 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
     name = config.get("robot", SimulationConfig.robot)
     model = _of_config(RobotConfig, config["model"]) if "model" in config else preset_config(name)
     with make_robot(world, image_px=image_px, robot=name, model=model, camera=camera) as robot:
-        # Imports mujoco, and make_robot chooses the GL back-end before that.
-        from anm_mj.robot.base_joints import SimulatedBase
-
-        base = SimulatedBase(robot.model, robot.data, ROBOT_PREFIX)
         for step, pose in enumerate(poses):
-            base.place(pose)
+            robot.place(pose)
             yield replace(robot.observe(), step=step, pose=pose)
 
 
