@@ -215,5 +215,5 @@ def _optional(array: Float[np.ndarray, "..."] | None) -> Float32[np.ndarray, "..
     return None if array is None else _floats(array)
 
 
-def _ray_arrays(rays: RayBatch) -> tuple[Float32[np.ndarray, "..."], ...]:
-    return tuple(map(_floats, vars(rays).values()))
+def _ray_arrays(rays: RayBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return _floats(rays.origin_m), _floats(rays.direction), _floats(rays.rgb), _floats(rays.depth_m)
