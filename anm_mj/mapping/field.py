@@ -133,9 +133,8 @@ class Field:
             self._last = replace(self._last, T_world_camera=T_world_camera[from_end.tolist().index(1)])
 
     def retrain(self, count: int, grid: OccupancyGrid) -> int:
-        """Train on the keyframes as they stand now, after they were moved; the number of iterations.
-
-        None where nothing was observed, or where the loss was not finite and the field is as it was before.
+        """Train on the keyframes as they stand now, after they were moved. Returns the number of iterations: 0 where
+        nothing was observed, or where the loss was not finite and the field is as it was before.
         """
         if self._last is None or not count:
             return 0

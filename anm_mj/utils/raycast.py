@@ -13,7 +13,7 @@ class RayCastError(AnmError):
 
 
 def embree_installed() -> bool:
-    """Whether the package extra ``embree`` is installed."""
+    """Whether the package ``embreex`` is installed, which has no wheel for some machines."""
     return importlib.util.find_spec("embreex") is not None
 
 

@@ -19,7 +19,8 @@ class RandomWalk:
         """Learn nothing from what the robot sees."""
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """One random action; a random walk does not look."""
+        """One random action."""
+        del mapper, observation  # A random walk does not look.
         action = MOVES[self._rng.integers(len(MOVES))]
         return Plan(f"random draw: {action.name}", actions=(action,))
 

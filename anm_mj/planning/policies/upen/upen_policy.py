@@ -90,6 +90,7 @@ class Upen(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path of most disagreement; a random turn where there is no path."""
+        del mapper
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
