@@ -17,7 +17,7 @@ from anm_mj.scene.importing.doors import Doors, Leaf, find_leaves, with_doors
 from anm_mj.scene.importing.readers.import_limits import check_spread
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
-from anm_mj.scene.importing.readers.texture_limit import limit_textures
+from anm_mj.scene.importing.readers.texture_file import limit_textures
 from anm_mj.scene.importing.shading import shaded
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
 from anm_mj.scene.submesh import Submesh, merge_alike, triangles_of
@@ -136,16 +136,12 @@ def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
 
 def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: float) -> None:
     largest_m = float(np.ptp(triangles_m.reshape(-1, 3), axis=0).max())
-    if 0.0 < largest_m < _MIN_EXTENT_M:
-        raise SceneError(
-            f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes begin at {_MIN_EXTENT_M:g} m: "
-            "give another scale."
-        )
+    if largest_m == 0.0 or _MIN_EXTENT_M <= largest_m <= _MAX_EXTENT_M:
+        return
+    advice = f"begin at {_MIN_EXTENT_M:g} m: give another scale."
     if largest_m > _MAX_EXTENT_M:
-        raise SceneError(
-            f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
-            "give another scale, or leave out parts with --leave-out."
-        )
+        advice = f"end at {_MAX_EXTENT_M:g} m: give another scale, or leave out parts with --leave-out."
+    raise SceneError(f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes {advice}")
 
 
 def _origin(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "2"]:

@@ -18,12 +18,14 @@ _MAX_EXTENT_M = 500.0
 """Larger plans are mostly not in metres [m]."""
 _MAX_CELLS = 8_000_000
 
+_Labels = Int[np.ndarray, "rows cols"]
+
 
 @dataclass(frozen=True, eq=False)
 class CellPlan:
     """Floors as labelled cells, ``[row, col]`` with row along y and col along x."""
 
-    labels: Int[np.ndarray, "rows cols"]
+    labels: _Labels
     """Number of the room, from 0; -1 for walls and the outside."""
     origin_m: Float64[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0]."""
@@ -76,15 +78,13 @@ def cells_within(region: Any, xs: Float64[np.ndarray, " cols"], ys: Float64[np.n
     return np.asarray(shapely.contains_xy(region, *np.meshgrid(xs, ys)), dtype=bool)
 
 
-def fill_nearest(
-    labels: Int[np.ndarray, "rows cols"], free: Bool[np.ndarray, "rows cols"]
-) -> Int[np.ndarray, "rows cols"]:
+def fill_nearest(labels: _Labels, free: Bool[np.ndarray, "rows cols"]) -> _Labels:
     """Assign free cells without a room to the nearest room; other cells belong to none."""
     nearest = ndimage.distance_transform_edt(labels < 0, return_distances=False, return_indices=True)
     return np.where(free, labels[tuple(np.asarray(nearest))], -1)
 
 
-def largest_parts(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
+def largest_parts(labels: _Labels) -> _Labels:
     """Every room reduced to its largest 4-connected part, under its old number."""
     kept = np.full_like(labels, -1)
     for label in range(int(labels.max()) + 1):
@@ -94,7 +94,7 @@ def largest_parts(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows
     return kept
 
 
-def whole_rooms(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
+def whole_rooms(labels: _Labels) -> _Labels:
     """The largest part of every room that is large enough, renumbered from 0."""
     kept = largest_parts(labels)
     large = np.bincount(kept[kept >= 0], minlength=int(labels.max()) + 1) >= _MIN_ROOM_CELLS

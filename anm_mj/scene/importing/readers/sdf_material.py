@@ -19,8 +19,7 @@ from jaxtyping import UInt8
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri
 from anm_mj.scene.importing.readers.sdf_pose import numbers, text_of
-from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, read_texture
-from anm_mj.scene.importing.readers.texture_limit import flat_coloured
+from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, flat_coloured, read_texture
 from anm_mj.scene.submesh import Submesh
 from anm_mj.utils.read_file import read_bytes
 

@@ -1,9 +1,11 @@
-"""Finds and reads the images that mesh files refer to."""
+"""Textures: finds and reads the images that mesh files refer to, and limits them to what a laptop takes."""
 
 from __future__ import annotations
 
 import io
+import logging
 import os
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -14,52 +16,23 @@ from trimesh.resolvers import FilePathResolver
 
 from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.raster import areas
+from anm_mj.scene.submesh import Submesh
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, read_bytes
 
+_logger = logging.getLogger(__name__)
+
 MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time, and alias."""
+MAX_TEXTURES = 960
+"""MuJoCo draws at most 1000 textures and textured materials (mjrender.h); a robot's own need some."""
+MAX_TEXELS = 128 * 1024 * 1024
+"""A texel is 3 bytes of main memory and, with its coarser levels, 5 of the renderer's: 1 GB in all."""
+_MIN_SIDE_PX = 64
 
 MISSING = "Not found: {names}; surfaces that need them come out plain."
 UNDECODABLE = "These pictures cannot be decoded: {names}; surfaces that need them come out plain."
-
-
-class MeshNeighbours(FilePathResolver):
-    """Serves the files that a mesh file names to trimesh, and reports those that are nowhere.
-
-    A name is looked for as it stands, with backslashes turned, and by its last part beside the mesh and where Gazebo
-    models keep their textures.
-    """
-
-    def __init__(self, mesh: Path, report: ImportReport) -> None:
-        super().__init__(str(mesh), allow_anywhere=True)
-        self._mesh = mesh
-        self._folder = mesh.absolute().parent
-        self._report = report
-        self.missed = False
-        """Whether a file was asked for that is nowhere, or a picture that cannot be decoded."""
-
-    def get(self, name: str) -> bytes:
-        """Bytes of a named file. Raises OSError if it cannot be read, and ValueError if it is too large."""
-        whole = find_texture(name, self._folder)
-        # A line of an OBJ file may name several material files.
-        paths = [find_texture(word, self._folder) for word in name.split()] if whole is None else [whole]
-        found = [path for path in paths if path is not None]
-        if not found or len(found) < len(paths):
-            self.missed = True
-            self._report.add(MISSING, Path(name.replace("\\", "/")).name)
-            raise FileNotFoundError(name)
-        content = b"\n".join(read_bytes(path, MAX_MESH_MIB) for path in found)
-        # The library would leave it out without a word; pictures of glTF files are looked at before.
-        is_picture = found[0].suffix.lower() != ".mtl" and self._mesh.suffix.lower() not in (".glb", ".gltf")
-        if is_picture and not is_decodable(content):
-            self.missed = True
-            self._report.add(UNDECODABLE, f"{found[0].name} of {self._mesh.name}")
-        return content
-
-    def namespaced(self, namespace: str) -> MeshNeighbours:
-        """The same for the files of a subfolder."""
-        return MeshNeighbours(self._folder / namespace / "_", self._report)
 
 
 def find_texture(name: str, folder: Path) -> Path | None:
@@ -120,6 +93,95 @@ def resized(texture: UInt8[np.ndarray, "h w 3"], side_px: int) -> UInt8[np.ndarr
         return texture
     height, width = (max(1, round(side * side_px / largest)) for side in texture.shape[:2])
     return np.array(Image.fromarray(texture).resize((width, height), Image.Resampling.LANCZOS))
+
+
+def limit_textures(submeshes: list[Submesh]) -> list[Submesh]:
+    """The submeshes with fewer and smaller textures, if there are too many or they are too large together.
+
+    The textures with the smallest surface become their mean colour. The largest textures are halved until all fit;
+    those with a tile per triangle keep their size. The log reports both.
+    """
+    submeshes = _fewest(submeshes)
+    textured = {id(own.texture): (own.texture, own.tiled) for own in submeshes if own.texture is not None}
+    side = MAX_TEXTURE_PX
+    while sum(_texels(*own, side) for own in textured.values()) > MAX_TEXELS and side > _MIN_SIDE_PX:
+        side //= 2
+    if side == MAX_TEXTURE_PX:
+        return submeshes
+    _logger.warning("the textures are large together: they were reduced to %d px a side", side)
+    small = {key: resized(texture, side) for key, (texture, tiled) in textured.items() if not tiled}
+    return [replace(submesh, texture=small.get(id(submesh.texture), submesh.texture)) for submesh in submeshes]
+
+
+def _texels(texture: UInt8[np.ndarray, "h w 3"], tiled: bool, side: int) -> int:
+    """Number of texels of a texture if it, unless it is tiled, were at most ``side`` wide and high."""
+    height, width, _ = texture.shape
+    share = 1.0 if tiled else min(1.0, side / max(height, width))
+    return int(height * width * share**2)
+
+
+def _fewest(submeshes: list[Submesh]) -> list[Submesh]:
+    area_m2: dict[tuple[int, tuple[float, float, float]], float] = {}
+    for submesh in submeshes:
+        if submesh.texture is not None:
+            material = (id(submesh.texture), submesh.rgb)
+            area_m2[material] = area_m2.get(material, 0.0) + float(areas(submesh.vertices_m[submesh.faces]).sum())
+    if len(area_m2) <= MAX_TEXTURES:
+        return submeshes
+    kept = set(sorted(area_m2, key=lambda material: -area_m2[material])[:MAX_TEXTURES])
+    _logger.warning(
+        "the scene has %d textures, but at most %d can be drawn: the %d on the least surface became plain colours",
+        len(area_m2),
+        MAX_TEXTURES,
+        len(area_m2) - MAX_TEXTURES,
+    )
+    return [own if (id(own.texture), own.rgb) in kept else flat_coloured(own) for own in submeshes]
+
+
+def flat_coloured(submesh: Submesh) -> Submesh:
+    """The same submesh in the mean colour of its texture, if it has one."""
+    if submesh.texture is None:
+        return submesh
+    red, green, blue = submesh.texture.reshape(-1, 3).mean(axis=0) / 255.0 * submesh.rgb
+    return replace(submesh, rgb=(float(red), float(green), float(blue)), uv=None, texture=None, tiled=False)
+
+
+class MeshNeighbours(FilePathResolver):
+    """Serves the files that a mesh file names to trimesh, and reports those that are nowhere.
+
+    A name is looked for as it stands, with backslashes turned, and by its last part beside the mesh and where Gazebo
+    models keep their textures.
+    """
+
+    def __init__(self, mesh: Path, report: ImportReport) -> None:
+        super().__init__(str(mesh), allow_anywhere=True)
+        self._mesh = mesh
+        self._folder = mesh.absolute().parent
+        self._report = report
+        self.missed = False
+        """Whether a file was asked for that is nowhere, or a picture that cannot be decoded."""
+
+    def get(self, name: str) -> bytes:
+        """Bytes of a named file. Raises OSError if it cannot be read, and ValueError if it is too large."""
+        whole = find_texture(name, self._folder)
+        # A line of an OBJ file may name several material files.
+        paths = [find_texture(word, self._folder) for word in name.split()] if whole is None else [whole]
+        found = [path for path in paths if path is not None]
+        if not found or len(found) < len(paths):
+            self.missed = True
+            self._report.add(MISSING, Path(name.replace("\\", "/")).name)
+            raise FileNotFoundError(name)
+        content = b"\n".join(read_bytes(path, MAX_MESH_MIB) for path in found)
+        # The library would leave it out without a word; pictures of glTF files are looked at before.
+        is_picture = found[0].suffix.lower() != ".mtl" and self._mesh.suffix.lower() not in (".glb", ".gltf")
+        if is_picture and not is_decodable(content):
+            self.missed = True
+            self._report.add(UNDECODABLE, f"{found[0].name} of {self._mesh.name}")
+        return content
+
+    def namespaced(self, namespace: str) -> MeshNeighbours:
+        """The same for the files of a subfolder."""
+        return MeshNeighbours(self._folder / namespace / "_", self._report)
 
 
 class TextureStore:

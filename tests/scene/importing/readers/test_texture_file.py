@@ -1,7 +1,7 @@
 import numpy as np
 
-from anm_mj.scene.importing.readers import texture_limit
-from anm_mj.scene.importing.readers.texture_limit import limit_textures
+from anm_mj.scene.importing.readers import texture_file
+from anm_mj.scene.importing.readers.texture_file import limit_textures
 from anm_mj.scene.submesh import Submesh
 
 
@@ -20,7 +20,7 @@ def test_few_small_textures_are_left_alone():
 
 
 def test_of_too_many_textures_those_on_the_least_surface_become_colours(monkeypatch, caplog):
-    monkeypatch.setattr(texture_limit, "MAX_TEXTURES", 2)
+    monkeypatch.setattr(texture_file, "MAX_TEXTURES", 2)
     parts = limit_textures([_square(side_m, _texture(8, 51)) for side_m in (3.0, 1.0, 2.0)])
     assert [part.texture is None for part in parts] == [False, True, False]
     assert parts[1].rgb == (0.2, 0.2, 0.2)
@@ -28,7 +28,7 @@ def test_of_too_many_textures_those_on_the_least_surface_become_colours(monkeypa
 
 
 def test_textures_that_are_large_together_are_halved_but_for_tiles(monkeypatch, caplog):
-    monkeypatch.setattr(texture_limit, "MAX_TEXELS", 512 * 512 + 3 * 256 * 256)
+    monkeypatch.setattr(texture_file, "MAX_TEXELS", 512 * 512 + 3 * 256 * 256)
     shared = _texture(1024, 10)
     parts = [_square(1.0, shared), _square(1.0, shared), _square(1.0, _texture(900, 20))]
     parts += [_square(1.0, _texture(512, 30), tiled=True), _square(1.0, _texture(100, 40))]
