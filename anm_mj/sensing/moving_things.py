@@ -148,7 +148,8 @@ def _clusters(observation: Observation) -> list[tuple[float, float, float, float
     cells -= cells.min(axis=0)
     taken = np.zeros(cells.max(axis=0) + 1, bool)
     taken[cells[:, 0], cells[:, 1]] = True
-    label, _ = ndimage.label(taken, np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    label = np.empty(taken.shape, np.int32)
+    ndimage.label(taken, np.ones((3, 3)), output=label)
     of_point = label[cells[:, 0], cells[:, 1]]
     found = []
     for number in np.flatnonzero(np.bincount(of_point) >= _LEAST_POINTS).tolist():
