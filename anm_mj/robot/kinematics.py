@@ -47,12 +47,15 @@ class RobotKinematics(_Kinematics):
     """Camera pose, and the relation between wheel and body motion, of a differential-drive base."""
 
     def __init__(self, robot: RobotDescription):
-        """Read the reduced model of a robot. Raises RobotError if the figures of pinocchio and MuJoCo differ."""
+        """Read the reduced model of a robot. Raises RobotError if pinocchio cannot, or figures differ from MuJoCo's."""
         with tempfile.TemporaryDirectory() as folder:
             # pinocchio reads MJCF from files only.
             path = Path(folder) / f"{robot.name}.xml"
             path.write_text(robot.reduced_mjcf, encoding="utf-8")
-            model = pin.buildModelFromMJCF(str(path))
+            try:
+                model = pin.buildModelFromMJCF(str(path))
+            except (ValueError, RuntimeError) as err:
+                raise RobotError(f"pinocchio cannot read the robot {robot.name}: {err}") from err
         data = model.createData()
         left, right = (model.jointPlacements[model.getJointId(name)].translation for name in WHEEL_JOINTS)
         self.wheel_radius_m = float(left[2])
