@@ -155,5 +155,5 @@ def localisation_table(rows: Rows, by: str) -> str:
 
 def _other_settings(text: str) -> str:
     """Settings, as the results table has them, without those of the pose."""
-    robot, others = split_settings(text)
-    return " ".join(one for one in (*robot, *others) if not one.startswith(OF_THE_POSE))
+    world, others = split_settings(text)
+    return " ".join(one for one in (*world, *others) if not one.startswith(OF_THE_POSE))

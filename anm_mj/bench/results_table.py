@@ -76,8 +76,8 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
 def situation(result: Result) -> tuple[Any, ...]:
     """What runs must share to be compared with one another's tours: all but what only concerns the map."""
     job = result.job
-    robot, _ = split_settings(" ".join(job.settings))
-    return job.scene_name, job.start, result.budget, *(getattr(job, key) for key in PLATFORM), *robot
+    world, _ = split_settings(" ".join(job.settings))
+    return job.scene_name, job.start, result.budget, *(getattr(job, key) for key in PLATFORM), *world
 
 
 def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, Any]]:

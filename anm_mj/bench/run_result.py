@@ -35,8 +35,8 @@ COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 MOST_MISSING = 0.1
 """A variant is drawn that lacks at most this share of all starts, or one: a run or two may have failed."""
-OF_THE_ROBOT = ("model.", "sensor.")
-"""What the names of settings of the robot's body and sensors begin with."""
+OF_THE_WORLD = ("model.", "sensor.", "people.")
+"""What the names of settings of the robot's body and sensors, and of the people beside it, begin with."""
 UNKNOWN_REVISION = "unknown"
 _METRICS = {field.name for field in fields(Metrics)}
 _PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")
@@ -285,9 +285,9 @@ def compared(variants: Mapping[str, Sequence[Result]]) -> tuple[str, ...]:
 
 
 def split_settings(text: str) -> tuple[list[str], list[str]]:
-    """Settings of the robot's body and sensors, such as its encoders' noise, and the others, from one text of the
-    results table.
+    """Settings of the robot's body and sensors, such as its encoders' noise, and of people; and the others, from one
+    text of the results table.
     """
     settings = each_setting(text)
-    robot = [setting for setting in settings if setting.startswith(OF_THE_ROBOT)]
-    return robot, [setting for setting in settings if setting not in robot]
+    world = [setting for setting in settings if setting.startswith(OF_THE_WORLD)]
+    return world, [setting for setting in settings if setting not in world]

@@ -47,8 +47,8 @@ FEWEST = "times_fewest_90"
 """Column whose mean over scenes is over those that have a number, which are counted."""
 FEW_RUNS = 4
 """With fewer runs than this, a variant that lacks one of them stands in another table of means."""
-ROBOT_SETTINGS = "robot_settings"
-"""Name of the settings of body and sensors among a row's settings."""
+WORLD_SETTINGS = "world_settings"
+"""Name of the settings of body, sensors and people among a row's settings."""
 _LEGEND = f"""\
 Means over scenes are of each scene's mean, over the runs that all rows of a table have in common. Numbers of one scene
 are mean ± standard deviation over starts and seeds. (n/m): only n of m runs or scenes have the number. A run that never
@@ -78,11 +78,11 @@ def markdown(rows: Rows, command: str, num_jobs: int | None = None) -> str:
 
 
 def _with_derived(row: dict[str, Any]) -> dict[str, Any]:
-    """A row with its variant, what of its settings is of the robot, and in per cent whether it reached the level."""
+    """A row with its variant, what of its settings is of the world, and in per cent whether it reached the level."""
     steps = row.get("steps_to_90")
     reached = None if steps is None else 100.0 * math.isfinite(steps)
-    robot, _ = split_settings(row["settings"])
-    return {**row, "variant": variant(row), ROBOT_SETTINGS: " ".join(robot), REACHED: reached}
+    world, _ = split_settings(row["settings"])
+    return {**row, "variant": variant(row), WORLD_SETTINGS: " ".join(world), REACHED: reached}
 
 
 def _revisions(rows: Rows) -> str:
@@ -108,9 +108,10 @@ def _overall(rows: Rows, by: str) -> list[str]:
     first = plainest[DEFAULT_POLICY if DEFAULT_POLICY in plainest else rows[0]["policy"]]
     own = [row for row in rows if _without_platform(row) == _without_platform(first)]
     others = [row for row in rows if row["policy"] != first["policy"]]
-    text = f"{first['variant']} minus the other, both with the same robot, drive, pose, sensor and settings of these."
+    alike = "both in the same world, with the same robot, drive, pose, sensor and settings of these"
+    text = f"{first['variant']} minus the other, {alike}."
     tested = {row["variant"] for policy, row in plainest.items() if not needs_truth(policy)}
-    same = (*TASK, *PLATFORM, ROBOT_SETTINGS)
+    same = (*TASK, *PLATFORM, WORLD_SETTINGS)
     parts.append(difference_table(own, others, same, f"{first['variant']} against the others", text, by, tested))
     for policy, row in plainest.items():
         if needs_truth(policy):
@@ -152,7 +153,7 @@ def _unusual(row: dict[str, Any]) -> tuple[int, int]:
 
 
 def _without_platform(row: dict[str, Any]) -> str:
-    """The variant of a row, were it of the default robot, drive, pose and sensor."""
+    """The variant of a row, were it of the default world, robot, drive, pose and sensor."""
     settings = " ".join(split_settings(row["settings"])[1])
     return variant({**row, **{key: CONDITIONS[key] for key in PLATFORM}, "settings": settings})
 
@@ -171,7 +172,7 @@ def _bounds(rows: Rows, by: str) -> str:
     lines = []
     for scene, known in split_by([row for row in rows if row["best_known_auc"] is not None], "scene").items():
         # One of the rows of every start and platform: all say the same about it.
-        keys = ("start", "budget", *PLATFORM, ROBOT_SETTINGS)
+        keys = ("start", "budget", *PLATFORM, WORLD_SETTINGS)
         here = list({case(row, keys): row for row in known}.values())
         cells = [scene]
         for name in BEST:

@@ -6,6 +6,7 @@ from anm_mj.bench.results_table import best_known, situation, tidy_rows
 from anm_mj.bench.run_result import Result, split_settings
 from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import BOUND
+from anm_mj.sim.simulation_config import REALITIES
 from anm_mj.utils.read_file import convert
 
 BUDGET = 100
@@ -132,6 +133,17 @@ def test_runs_of_several_budgets_have_no_common_mean():
     runs += [result("anm-s", RISE, scene_name=scene) for scene in ("a", "b")]
     text = markdown(tidy_rows(runs), "x").split("\n## ")[1]
     assert "| gvg | 76" not in text.replace(f"{tidy_rows(runs)[1]['observable_ratio_auc']:.1f}", "own")
+
+
+def test_policies_are_compared_in_the_ideal_and_in_the_real_world():
+    real = dict(REALITIES["real"].options, settings=list(REALITIES["real"].texts), reality="real")
+    runs = [result(name, RISE[:k], **world) for name, k in (("gvg", 9), ("random", 5)) for world in ({}, real)]
+    against = markdown(tidy_rows(runs), "x").split("\n## ")[1]
+    assert against.startswith("gvg against the others")
+    ideal, other = [line.split(" | ") for line in against.splitlines() if line.startswith("| random")]
+    assert ideal[0] == "| random"
+    assert "real" in other[0]
+    assert ideal[1:] == other[1:]
 
 
 def test_what_is_unknown_is_not_a_failure():
