@@ -26,7 +26,7 @@ from anm_mj.io.write import writing
 from anm_mj.localisation.coarse_search import level
 from anm_mj.localisation.field_localiser import FieldLocaliser
 from anm_mj.localisation.localisation_config import LocalisationConfig
-from anm_mj.localisation.localiser import PoseEstimate
+from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.localisation.se3 import camera_motion
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import Observation
@@ -38,6 +38,11 @@ _MOST_TILTS = 8
 """So many heights and tilts of the map's own camera are tried at most."""
 _SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
 """Tilts that are nearer to each other are one."""
+_REASONS = {
+    TrackingState.LOST: "looked for in the whole map: no place fits well, or several do",
+    TrackingState.TRACKING: "tracked from the images before: the map shows something else there, or hardly anything",
+}
+"""Why an image was not found."""
 _MOST_WAITING = 200
 """Images before the first that was found which are looked at again, from there backwards."""
 
@@ -50,6 +55,8 @@ class ImagePose:
     time_s: float
     T_world_camera: Float[np.ndarray, "4 4"] | None
     """Camera to the world of the map; None where it was not found."""
+    state: TrackingState
+    """LOST: it was looked for in the whole map. TRACKING: from the image before."""
     deviation_m: float | None = None
     """Largest standard deviation of the position [m]."""
     deviation_rad: float | None = None
@@ -64,9 +71,10 @@ class ImagePose:
         """The pose of a frame, where it was found well enough."""
         seen, quality = estimate.observation, estimate.quality
         if not estimate.usable:
-            return cls(seen.step, seen.time_s, None)
+            return cls(seen.step, seen.time_s, None, estimate.state)
         deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
-        return cls(seen.step, seen.time_s, seen.T_world_camera, *deviations, quality.known, quality.inliers)
+        fit = quality.known, quality.inliers
+        return cls(seen.step, seen.time_s, seen.T_world_camera, estimate.state, *deviations, *fit)
 
 
 def localise_images(
@@ -124,6 +132,13 @@ def localise_images(
         waiting = [] if poses[-1].T_world_camera is not None or single else [*waiting, seen][-_MOST_WAITING:]
         on_image(len(poses), len(images))
     return poses
+
+
+def why_not_found(poses: list[ImagePose]) -> dict[str, list[int]]:
+    """The steps of the images that were not found, by the reason, in words."""
+    lost = [pose for pose in poses if pose.T_world_camera is None]
+    by_reason = {reason: [pose.step for pose in lost if pose.state is state] for state, reason in _REASONS.items()}
+    return {reason: steps for reason, steps in by_reason.items() if steps}
 
 
 def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | None:

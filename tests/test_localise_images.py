@@ -78,9 +78,12 @@ def test_what_the_map_does_not_show_is_not_found(mapped, tmp_path, capsys):
         writer.write(replace(seen, depth_m=np.full_like(seen.depth_m, 0.5), rgb=np.full_like(seen.rgb, 255)))
     words = ["localise", str(mapped), str(tmp_path / "elsewhere"), "--out", str(tmp_path / "out")]
     assert main(words) == 1
-    assert "0 of 6 images found; not: 0-5." in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "0 of 6 images found." in told
+    assert "Not found: 0-5, looked for in the whole map" in told
     assert (tmp_path / "out" / "poses.tum").read_text() == ""
     assert json.loads((tmp_path / "out" / "poses.json").read_text())["found"] == 0
+    assert {pose["state"] for pose in json.loads((tmp_path / "out" / "poses.json").read_text())["poses"]} == {"LOST"}
 
 
 @pytest.mark.parametrize(

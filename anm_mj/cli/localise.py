@@ -42,7 +42,7 @@ def localise(
         out: folder for the poses, poses.tum and poses.json; by default they are only counted
         single: look for each image on its own: they do not follow one another
         reference: poses in TUM format, in the world of the map, that the found ones are compared with
-        layout: run, anm-mj, tum, nerfstudio, replica or rosbag; by default recognised by its files
+        layout: name of the layout, as in docs/results.md; by default recognised by its files
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
         distortion: of the lens in the order of OpenCV, as fisheye,K1,K2,K3,K4, or none; by default as the files say
@@ -56,7 +56,7 @@ def localise(
     from anm_mj.evaluation.trajectory_error import read_reference
     from anm_mj.io.sequence import ranges_text
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
-    from anm_mj.localise_images import localise_images, pose_error, require_new, write_poses
+    from anm_mj.localise_images import localise_images, pose_error, require_new, why_not_found, write_poses
 
     config = make_config(DEFAULT_PRESET, list(settings), scene=str(images), pose="slam", **options)
     measured = None if reference is None else read_reference(reference)
@@ -79,11 +79,11 @@ def localise(
     with progress_bar(console, "localise") as on_progress:
         poses = localise_images(run, sequence, config, single=single, on_image=on_progress)
     error = None if measured is None else pose_error(poses, measured)
-    lost = [pose.step for pose in poses if pose.T_world_camera is None]
-    console.say(
-        f"{len(poses) - len(lost)} of {len(poses)} images found" + (f"; not: {ranges_text(lost)}." if lost else ".")
-    )
-    deviations = [(pose.deviation_m, pose.deviation_rad) for pose in poses if pose.T_world_camera is not None]
+    found = [pose for pose in poses if pose.T_world_camera is not None]
+    console.say(f"{len(found)} of {len(poses)} images found.")
+    for reason, steps in why_not_found(poses).items():
+        console.say(f"Not found: {ranges_text(steps)}, {reason}.")
+    deviations = [(pose.deviation_m, pose.deviation_rad) for pose in found]
     if deviations:
         most_m, most_rad = (max(values) for values in zip(*deviations, strict=True))
         console.say(f"Standard deviation at most {100.0 * most_m:.1f} cm and {math.degrees(most_rad):.2f} deg.")
@@ -97,4 +97,4 @@ def localise(
     if out is not None:
         write_poses(out, run, images, poses, error)
         console.say(f"Poses: {out}")
-    return 0 if len(lost) < len(poses) else NOTHING_FOUND
+    return 0 if found else NOTHING_FOUND

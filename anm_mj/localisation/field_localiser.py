@@ -46,6 +46,8 @@ _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
+_UNFOLLOWED_SHARE = 0.6
+"""A frame whose motion nobody tells scores at least this share of what is usual."""
 
 
 class FieldLocaliser:
@@ -113,7 +115,7 @@ class FieldLocaliser:
         """The last frame, for a comparison with earlier ones; needed until it is integrated."""
         self._is_chained = False
         """Whether the motion since the last keyframe is known."""
-        self._image_odometry = ImageOdometry(config)
+        self._image_odometry = ImageOdometry(config, has_odometry=odometry)
         self._is_followed = True
         """Whether images show all motion since frames fitted."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
@@ -136,7 +138,9 @@ class FieldLocaliser:
             first = Prior(observation.T_world_camera, self._covariance, self._basis)
             self._headings = self._compass.look(observation, first, self._probe.noise_of(observation)).headings
             self._compass.learn(observation.T_world_camera, _FIRST_DEVIATION)
-            return self._estimate(observation, observation.T_world_camera, None, usable=True)
+            estimate = self._estimate(observation, observation.T_world_camera, None, usable=True)
+            self._image_odometry.see(replace(self._image_of(observation), T_world_camera=observation.T_world_camera))
+            return estimate
         prior = self._prior(observation)
         noise = self._probe.noise_per_m
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
@@ -150,13 +154,18 @@ class FieldLocaliser:
             if lost and self._T_world_camera is not None:
                 self._relocaliser.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=False)
             return self._predicted(observation, prior, None, None, misfit=False)
-        image = key_image(observation, self.config.key_images.longest_px, noise)
+        image = self._image_of(observation)
         if lost:
             return self._look_for(observation, prior, points, image, rng)
         prior = self._compass.look(static_view, prior, self._probe.noise_of(static_view))
         self._headings = prior.headings
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
+        expected, followed = prior, None
+        if not self._odometry and compared is not None:
+            # Nobody measured the motion but the images, which have their say once: in the registration.
+            followed = self._image_odometry.follow(compared, prior, doubtful=True)
+            prior = prior if followed is None else replace(prior, T_world_camera=followed.T_world_camera)
         problem, by_odometry = RegistrationProblem(points, prior, self._probe, settings, extra), prior
         found, confirmed = registered(problem, self._history.costs, rng), False
         if far is not None and is_jump(prior, found, settings):
@@ -168,11 +177,12 @@ class FieldLocaliser:
         # After a push a frame may fit where the camera is not.
         doubtful = confirmed or self._misfits >= self.config.tracking.doubt_frames
         usual = self.config.relocalisation.least(self._history.recent_score)
-        verdict, score = judged(points, prior, found, self._probe, self.config, usual if doubtful else 0.0)
-        expected, followed = prior, None
-        if verdict is not Verdict.FITS and compared is not None:
+        # Where neither odometry nor images tell the motion, a frame may fit anywhere a little.
+        least = usual if doubtful else 0.0 if self._odometry or followed is not None else _UNFOLLOWED_SHARE * usual
+        verdict, score = judged(points, prior, found, self._probe, self.config, least)
+        if verdict is not Verdict.FITS and compared is not None and self._odometry:
             followed = self._image_odometry.follow(compared, by_odometry, doubtful=verdict is not Verdict.UNKNOWN)
-        if followed is not None:
+        if verdict is not Verdict.FITS and followed is not None:
             # Odometry was wrong, or the map is; images know nothing of either.
             prior = followed
             if verdict is not Verdict.UNKNOWN:
@@ -305,6 +315,9 @@ class FieldLocaliser:
         estimate = self._estimate(observation, prior.T_world_camera, found, usable=usable)
         self._see(image, estimate)
         return estimate
+
+    def _image_of(self, observation: Observation) -> KeyImage:
+        return key_image(observation, self.config.key_images.longest_px, self._probe.noise_per_m)
 
     def _see(self, image: KeyImage | None, estimate: PoseEstimate) -> None:
         """Take a frame's image at its pose; None = it shows nothing."""

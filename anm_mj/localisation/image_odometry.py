@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from anm_mj.localisation.frame_to_images import FrameToImages, measured
+from anm_mj.localisation.frame_to_images import FrameToImages, Measured, measured
 from anm_mj.localisation.key_images import KeyImage
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.registration import Prior
@@ -14,14 +14,16 @@ from anm_mj.localisation.registration_starts import rotation_search
 
 _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
+_LEAST_DOUBT_RAD = 0.1
+"""Standard deviation of a rotation in doubt that no odometry measured, at least: a camera may begin to turn."""
 
 
 class ImageOdometry:
     """Follows a camera from frame to frame."""
 
-    def __init__(self, config: LocalisationConfig) -> None:
-        """Before any frame."""
-        self._config = config
+    def __init__(self, config: LocalisationConfig, *, has_odometry: bool) -> None:
+        """Before any frame; whether odometry tells the motions that priors expect."""
+        self._config, self._has_odometry = config, has_odometry
         self._last: KeyImage | None = None
 
     def see(self, image: KeyImage | None) -> None:
@@ -35,17 +37,32 @@ class ImageOdometry:
         """
         if self._last is None or prior.motion_covariance is None:
             return None
-        graph, basis = self._config.graph, prior.basis
-        alone = compared.against(self._last)
-        scale = _DOUBT**2 if doubtful else 1.0
-        motion = replace(prior, covariance=scale * prior.motion_covariance, headings=None)
-        start = rotation_search(motion, alone, self._config.registration)
-        found = measured(alone, start, motion.covariance, basis, graph)
-        if found.overlap < graph.least_overlap or found.fit < graph.least_fit:
+        alone, believed = compared.against(self._last), self._motion(prior, doubtful=doubtful)
+        found = self._found(alone, believed)
+        if found is None and doubtful and not self._has_odometry:
+            # Perhaps the motion before did not go on.
+            found = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera))
+        if found is None:
             return None
-        information = basis.T @ found.information @ basis + np.linalg.inv(motion.covariance)
+        information = prior.basis.T @ found.information @ prior.basis + np.linalg.inv(believed.covariance)
         covariance = np.linalg.inv(information)
         before = prior.covariance - prior.motion_covariance
         return replace(
             prior, T_world_camera=found.T_world_camera, covariance=before + covariance, motion_covariance=covariance
         )
+
+    def _motion(self, prior: Prior, *, doubtful: bool) -> Prior:
+        """Of the motion alone, as far as it is believed."""
+        assert prior.motion_covariance is not None
+        covariance = (_DOUBT**2 if doubtful else 1.0) * prior.motion_covariance
+        if doubtful and not self._has_odometry:
+            turns = np.diag(np.any(prior.basis[3:] != 0.0, axis=0).astype(float))
+            covariance = covariance + _LEAST_DOUBT_RAD**2 * turns
+        return replace(prior, covariance=covariance, headings=None)
+
+    def _found(self, alone: FrameToImages, motion: Prior) -> Measured | None:
+        """Where the last image puts a frame; None where it shows too little of it, or does not fit."""
+        graph = self._config.graph
+        start = rotation_search(motion, alone, self._config.registration)
+        found = measured(alone, start, motion.covariance, motion.basis, graph)
+        return found if found.overlap >= graph.least_overlap and found.fit >= graph.least_fit else None

@@ -56,22 +56,31 @@ def rotation_search(prior: Prior, extra: FrameToImages, config: RegistrationConf
         cost = config.information * len(extra) * _mean_cost(extra, sums) + float(offset @ information @ offset) + walls
         return cost, sums.num_points
 
-    best = np.zeros(len(prior.covariance))
-    for axis in np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0)):
+    def best_turn(begin: Float[np.ndarray, " k"], axis: int) -> tuple[float, Float[np.ndarray, " k"]]:
+        """The cheapest of several turns about an axis, from an offset on: its cost, and the offset then."""
         deviation = float(np.sqrt(prior.covariance[axis, axis]))
-        if deviation < config.search_least_rad:
-            continue
         # Pictures that are farther apart have nothing to follow.
         steps = min(max(6, math.ceil(3.0 * deviation / _MOST_TURN_RAD)), _MOST_STEPS)
         turns = np.linspace(-3.0, 3.0, 2 * steps + 1) * deviation
         if headings is not None:
             # Headings are sharper than the spacing.
             turns = np.concatenate((turns, headings.turns_rad))
-        offsets = best + turns[:, None] * prior.covariance[axis] / deviation**2
+        offsets = begin + turns[:, None] * prior.covariance[axis] / deviation**2
         costs, counts = np.array([looks(offset) for offset in offsets]).T
         # A turn costs overlap, which says nothing against it; but few points may fit anywhere.
         costs[counts < 0.5 * counts.max()] = np.inf
-        best = offsets[int(np.argmin(costs))]
+        index = int(np.argmin(costs))
+        return float(costs[index]), offsets[index]
+
+    best = np.zeros(len(prior.covariance))
+    vague = np.sqrt(np.diag(prior.covariance)) >= config.search_least_rad
+    axes = np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0) & vague).tolist()
+    while axes:
+        # The axis that explains most goes first: far off it, turns about the others fit something else.
+        found = [best_turn(best, axis) for axis in axes]
+        chosen = min(range(len(axes)), key=lambda index: found[index][0])
+        best = found[chosen][1]
+        del axes[chosen]
     return moved_camera(prior.T_world_camera, prior.basis @ best)
 
 

@@ -106,6 +106,22 @@ def test_a_free_camera_is_tracked_without_odometry(tiny_config: MappingConfig, r
     assert turned.max() < math.radians(1.0)
 
 
+def test_a_free_camera_that_turns_by_fits_and_starts_is_tracked_in_a_map_without_odometry(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room
+) -> None:
+    _, _, neural_map = tracked
+    # Stands, turns, turns back, turns again: no motion goes on as the one before.
+    turns = [0, 0, 1, 2, 3, 2, 1, 0, 0, 1, 0, 1, 2]
+    frames = [room.observe(1.6, 1.5, TURN * k, size=96, step=step) for step, k in enumerate(turns)]
+    unknown = [frames[0], *(with_pose(frame, 1.6, 1.5, 0.0) for frame in frames[1:])]
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=False, odometry=False)
+    estimates = track(localiser, neural_map, unknown, learn=False)
+    assert all(estimate.usable for estimate in estimates)
+    apart, turned = offsets(estimates, frames)
+    assert apart.max() < 0.03
+    assert turned.max() < math.radians(1.0)
+
+
 def test_a_blind_frame_keeps_the_prior_and_its_doubt(
     tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room
 ) -> None:

@@ -10,7 +10,7 @@ from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImages, key_image
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.motion import MotionModel
-from anm_mj.localisation.registration import PLANAR, Prior
+from anm_mj.localisation.registration import FREE, PLANAR, Prior
 from anm_mj.localisation.se3 import camera_motion
 from anm_mj.types import Observation
 from tests.mapping.ray_room import Room
@@ -28,7 +28,7 @@ def expected(before: Observation, after: Observation) -> Prior:
 
 
 def followed(before: Observation, after: Observation, prior: Prior, *, doubtful: bool) -> Prior | None:
-    images = ImageOdometry(CONFIG)
+    images = ImageOdometry(CONFIG, has_odometry=len(prior.covariance) == 3)
     images.see(key_image(before, CONFIG.key_images.longest_px))
     kept, image = KeyImages(CONFIG.key_images), key_image(after, CONFIG.key_images.longest_px)
     compared = compared_with([], after, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
@@ -60,6 +60,25 @@ def test_without_doubt_a_usual_error_of_odometry_is_taken_away(room: Room) -> No
     assert abs(camera_motion(after.T_world_camera, found.T_world_camera)[5]) < math.radians(0.2)
 
 
+@pytest.mark.parametrize("moved_before", [(0.0, 0.0), (0.0, TURN), (0.065, 0.0), (0.065, -TURN)])
+@pytest.mark.parametrize("moved", [(0.0, TURN), (0.065, 0.0)])
+def test_without_odometry_it_finds_motions_that_do_not_go_on_as_before(
+    room: Room, moved_before: tuple[float, float], moved: tuple[float, float]
+) -> None:
+    x, yaw = moved_before
+    earlier = room.observe(1.5 - x * math.cos(0.3), 1.5 - x * math.sin(0.3), 0.3 - yaw, size=96)
+    before = room.observe(1.5, 1.5, 0.3, size=96)
+    after = room.observe(1.5 + moved[0] * math.cos(0.3), 1.5 + moved[0] * math.sin(0.3), 0.3 + moved[1], size=96)
+    model = MotionModel(CONFIG.motion, FREE, has_odometry=False)
+    model.move(np.linalg.inv(earlier.T_world_camera) @ before.T_world_camera, before.T_world_camera)
+    prior = model.prior(before.T_world_camera, np.eye(6) * 1e-6, before.T_world_camera)
+    found = followed(before, after, prior, doubtful=True)
+    assert found is not None
+    off = camera_motion(after.T_world_camera, found.T_world_camera)
+    assert np.linalg.norm(off[:3]) < 0.02
+    assert np.linalg.norm(off[3:]) < math.radians(0.5)
+
+
 def test_images_of_other_places_show_no_motion(room: Room) -> None:
     before, after = room.observe(1.5, 1.5, 0.0, size=96), room.observe(1.5, 1.5, math.pi, size=96)
     assert followed(before, after, expected(before, before), doubtful=True) is None
@@ -67,7 +86,7 @@ def test_images_of_other_places_show_no_motion(room: Room) -> None:
 
 def test_before_any_frame_there_is_no_motion(room: Room) -> None:
     frame = room.observe(1.5, 1.5, 0.0, size=96)
-    images, kept = ImageOdometry(CONFIG), KeyImages(CONFIG.key_images)
+    images, kept = ImageOdometry(CONFIG, has_odometry=True), KeyImages(CONFIG.key_images)
     image = key_image(frame, CONFIG.key_images.longest_px)
     compared = compared_with([], frame, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
     assert images.follow(compared, expected(frame, frame), doubtful=True) is None
