@@ -278,7 +278,9 @@ def _hint(config: RunConfig, name: str) -> str:
     if found:
         return f"; did you mean {' or '.join(found)}?"
     group = name.partition(".")[0] + "."
-    return f"; there are {', '.join([full for full in names if full.startswith(group)] or names)}."
+    if of_group := [full for full in names if full.startswith(group)]:
+        return f"; there are {', '.join(of_group)}."
+    return "; docs/reference.md and config.json of any run list all."
 
 
 def _with(node: Any, values: Mapping[tuple[str, ...], Any]) -> Any:

@@ -33,6 +33,7 @@ from anm_mj.types import (
     OccupancyGrid,
     Plan,
     Pose2,
+    StopReason,
     SurfacePoints,
     TopDownMap,
     VoronoiGraph,
@@ -120,8 +121,14 @@ def reference() -> str:
             if rows:
                 parts.append(_section(f"`policy.*` of {', '.join(f'`{name}`' for name in names)}", "", rows))
     parts.append("## Metrics\n\nFields of `metrics.json`; `null` where unknown.\n\n" + _table(_metrics()))
+    reasons = [(f"`{name}`", text) for name, text in field_texts(StopReason).items()]
+    parts.append("## Stop reasons\n\n`stop_reason` of `metrics.json`.\n\n" + _table(reasons, ("name", "meaning")))
     rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep)]
-    parts.append("## Keys of a comparison\n\nOf the TOML file of `anm-mj bench`.\n\n" + _table(rows))
+    text = (
+        "Of the TOML file of `anm-mj bench`, at its head or below `[[sweep]]`. Beside them stand `suite`, "
+        "`[[generated]]` and `[[imported]]`: [benchmarks.md](benchmarks.md#a-comparison-of-your-own)."
+    )
+    parts.append(f"## Keys of a comparison\n\n{text}\n\n{_table(rows)}")
     rows = [(f"`{entry.name}`", _default(entry), text) for entry, text in _documented(EnvironmentConfig)]
     parts.append("## Options of an environment\n\n" + _table(rows))
     parts.append("## What a policy is given, and what it returns\n")

@@ -47,6 +47,7 @@ def test_settings_whose_limits_depend_on_one_another_may_come_in_any_order():
     [
         ("planning.margin=0.1", "did you mean planning.margin_m"),
         ("tour_depht=3", "did you mean policy.tour_depth"),
+        ("nosuch=1", "docs/reference.md and config.json of any run list all"),
         ("margin_m=0.1", "did you mean planning.margin_m"),
         ("planing.margin_m=0.1", "did you mean planning.margin_m?"),
         ("planning.xyz=1", "there are planning.margin_m, planning.sdf"),

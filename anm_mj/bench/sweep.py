@@ -23,6 +23,7 @@ from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.simulation_config import IDEAL, reality_of
+from anm_mj.utils.close_names import close_name
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml
@@ -156,23 +157,24 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
 
 def _in_each_reality(path: Path, entries: dict[str, Any]) -> list[Sweep]:
     """A sweep for each reality that its entries name, with its conditions and settings below those that are given."""
+    for key in entries:
+        if key not in TYPES:
+            raise BenchError(f"{path}: there is no '{key}'{close_name(key, TYPES)}; there are {', '.join(TYPES)}.")
+    for needed in ("scenes", "policies"):
+        if not entries.get(needed):
+            raise BenchError(f"{path}: {needed} is missing; name at least one.")
     named = entries.get("reality", IDEAL)
     found = []
     for name in named if isinstance(named, list) and named else [named]:
         world = reality_of(_entry(path, "reality", name))
         settings = [*world.texts, *_entry(path, "settings", entries.get("settings", []))]
-        for needed in ("scenes", "policies"):
-            if not entries.get(needed):
-                raise BenchError(f"{path}: {needed} is missing; name at least one.")
         keys = {**world.options, **entries, "reality": name, "settings": settings}
         found.append(Sweep(**{key: _entry(path, key, value) for key, value in keys.items()}))
     return found
 
 
 def _entry(path: Path, key: str, value: Any) -> Any:
-    """The value of a key of a sweep; raises BenchError for an unknown key or another type."""
-    if key not in TYPES:
-        raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(TYPES)}.")
+    """The value of a key of a sweep; raises BenchError for another type."""
     try:
         found = convert([value] if key in AXES and isinstance(value, str) else value, TYPES[key])
     except ValueError as err:

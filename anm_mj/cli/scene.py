@@ -131,19 +131,25 @@ def scene_generate(
 
     with busy(PlainConsole(), "generate"):
         scene = generate_scene(out, rooms, seed, kind, name, overwrite=force, moved=moved)
-    size = scene.bounds_m[1] - scene.bounds_m[0]
-    return _say_made(
-        scene, f"{scene.rooms} rooms, {size[0]:.1f} x {size[1]:.1f} m, {scene.num_triangles} triangles", out
-    )
+    size, plural = scene.bounds_m[1] - scene.bounds_m[0], "s" * (rooms > 1)
+    facts = f"{scene.rooms} room{plural}, {size[0]:.1f} x {size[1]:.1f} m, {scene.num_triangles} triangles"
+    return _say_made(scene, facts, out)
 
 
 def _say_made(scene: Scene, facts: str, out: Path) -> Report:
     """Print what was made, and remember where."""
     from anm_mj.cli.console import PlainConsole
-    from anm_mj.scene.folder import remember_folder
+    from anm_mj.scene.folder import load_scene, remember_folder
+    from anm_mj.utils.package_data import data_folder
 
     remember_folder(scene.folder)
-    PlainConsole().say(f"{scene.name}: {facts}. Explore it: anm-mj explore {out}")
+    console = PlainConsole()
+    console.say(f"{scene.name}: {facts}. Explore it: anm-mj explore {out}")
+    builtin = data_folder("scenes") / out.name
+    if builtin.is_dir() and scene.folder.resolve() != builtin.resolve():
+        here = load_scene(out.name).folder.resolve() == scene.folder.resolve()
+        means = "here the name means this one" if here else "the name alone means that one"
+        console.say(f"The package has a scene {out.name}, too; {means}.")
     return Report(scene_facts(scene))
 
 

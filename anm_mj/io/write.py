@@ -1,5 +1,6 @@
 """Errors of writing a run folder, as one sentence that names the file."""
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,4 +16,6 @@ def writing(path: Path) -> Iterator[None]:
     # torch reports a full disk as a RuntimeError.
     except (OSError, RuntimeError) as err:
         why = getattr(err, "strerror", None) or err
-        raise RunFolderError(f"{path} cannot be written ({why}); free some space or choose another folder.") from err
+        full = not isinstance(err, OSError) or err.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "free some space or choose another folder" if full else "choose another folder"
+        raise RunFolderError(f"{path} cannot be written ({why}); {remedy}.") from err

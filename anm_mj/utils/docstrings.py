@@ -10,15 +10,16 @@ from typing import Any
 
 
 def field_texts(config: type) -> dict[str, str]:
-    """The docstring below each field of a dataclass, those of its bases first, on one line."""
+    """The docstring below each field of a dataclass or member of an enumeration, those of bases first, on one line."""
     texts: dict[str, str] = {}
     for base in reversed(config.__mro__):
-        if is_dataclass(base):
+        if is_dataclass(base) or base is config:
             body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
             for node, after in zip(body, [*body[1:], None], strict=True):
-                if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+                if isinstance(target, ast.Name):
                     said = after.value if isinstance(after, ast.Expr) else None
-                    texts[node.target.id] = " ".join(str(said.value).split()) if isinstance(said, ast.Constant) else ""
+                    texts[target.id] = " ".join(str(said.value).split()) if isinstance(said, ast.Constant) else ""
     return texts
 
 

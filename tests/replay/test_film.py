@@ -92,7 +92,7 @@ def test_a_run_without_mesh_and_images_makes_a_film(run_folder, tmp_path):
     ("options", "words"),
     [
         (["--video", "film.avi"], "an .mp4 or a .gif file"),
-        (["--video", "nowhere/film.gif"], "nowhere/film.gif cannot be written"),
+        (["--video", "nowhere/film.gif"], "nowhere/film.gif cannot be written (No such file or directory); choose"),
         (["--video", "film.mp4", "--fps", "0"], "choose 0.1 to 120"),
         (["--video", "film.mp4", "--every", "0"], "from 1 up"),
         ([], "Nothing to export"),

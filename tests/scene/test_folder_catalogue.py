@@ -93,8 +93,21 @@ def test_the_list_shows_the_name_that_a_scene_is_found_by(
 def test_the_command_generates_a_scene_that_can_then_be_named(place: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["scene", "generate", str(place / "den"), "--rooms", "1", "--seed", "2"]) == 0
 
-    assert "den: 1 rooms" in capsys.readouterr().out
+    assert "den: 1 room, " in capsys.readouterr().out
     assert load_scene("den").source == "anm-mj scene generate --rooms 1 --seed 2 --kind apartment"
+
+
+def test_a_new_scene_with_the_name_of_a_builtin_one_says_which_one_the_name_means(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(place)
+    words = ["--rooms", "1", "--seed", "2"]
+    assert main(["scene", "generate", "sub/room", *words]) == 0
+    assert "The package has a scene room, too; the name alone means that one." in capsys.readouterr().out
+    assert main(["scene", "generate", "room", *words]) == 0
+    assert "The package has a scene room, too; here the name means this one." in capsys.readouterr().out
+    assert main(["scene", "generate", "den", *words]) == 0
+    assert "The package" not in capsys.readouterr().out
 
 
 def test_the_command_refuses_what_cannot_be_generated(place: Path, capsys: pytest.CaptureFixture[str]):

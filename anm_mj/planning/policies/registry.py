@@ -105,7 +105,8 @@ def policy_class(name: str) -> Any:
         raise
     # A module of the user's own may raise anything while it is imported.
     except (Exception, SystemExit) as err:
-        raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}).") from err
+        hint = f"; write {module_name.removesuffix('.py')}:{class_name}" if module_name.endswith(".py") else ""
+        raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}){hint}.") from err
     found = getattr(module, class_name, None)
     if found is None:
         raise PlanError(f"Policy '{name}': module '{module_name}' has no class '{class_name}'.")

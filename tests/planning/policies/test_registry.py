@@ -97,6 +97,7 @@ def test_a_class_of_the_users_own_needs_no_entry():
     [
         ("greedy", "frontier-full"),
         ("no_such_module:Policy", "cannot be imported"),
+        ("no_such_module.py:Policy", r"cannot be imported .*; write no_such_module:Policy\."),
         (f"{__name__}:Nothing", "no class 'Nothing'"),
         (f"{__name__}:Lacking", "observe, on_collision"),
         (f"{__name__}:Unmakeable", "PolicyContext"),
