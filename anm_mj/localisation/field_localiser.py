@@ -46,8 +46,8 @@ _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
-_UNFOLLOWED_SHARE = 0.6
-"""A frame whose motion nobody tells scores at least this share of what is usual."""
+_UNMEASURED_SHARE = 0.6
+"""A frame scores at least this share of what is usual where no odometry measures motions."""
 
 
 class FieldLocaliser:
@@ -93,8 +93,7 @@ class FieldLocaliser:
             )
         self.config = config
         self._map, self._probe = neural_map, MapProbe(neural_map)
-        self._seed = seed
-        self._basis = PLANAR if planar else FREE
+        self._seed, self._basis = seed, PLANAR if planar else FREE
         self._odometry = odometry
         self._base = BaseOfCamera(base_pose)
         self._tilts = tuple(tilts)
@@ -131,18 +130,16 @@ class FieldLocaliser:
     def localise(self, observation: Observation) -> PoseEstimate:
         """Estimate the pose of the next frame; see the protocol."""
         self._num_frames += 1
-        self._compared = self._headings = None
-        far, self._far = self._far, None
-        lost = self._state is TrackingState.LOST
+        lost, noise, far = self._state is TrackingState.LOST, self._probe.noise_per_m, self._far
+        self._compared = self._headings = self._far = None
+        image = key_image(observation, self.config.key_images.longest_px, noise)
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
             first = Prior(observation.T_world_camera, self._covariance, self._basis)
             self._headings = self._compass.look(observation, first, self._probe.noise_of(observation)).headings
             self._compass.learn(observation.T_world_camera, _FIRST_DEVIATION)
-            estimate = self._estimate(observation, observation.T_world_camera, None, usable=True)
-            self._image_odometry.see(replace(self._image_of(observation), T_world_camera=observation.T_world_camera))
-            return estimate
+            self._image_odometry.see(image)
+            return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
-        noise = self._probe.noise_per_m
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
         static_view = observation
@@ -154,19 +151,13 @@ class FieldLocaliser:
             if lost and self._T_world_camera is not None:
                 self._relocaliser.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=False)
             return self._predicted(observation, prior, None, None, misfit=False)
-        image = self._image_of(observation)
         if lost:
             return self._look_for(observation, prior, points, image, rng)
         prior = self._compass.look(static_view, prior, self._probe.noise_of(static_view))
         self._headings = prior.headings
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
-        expected, followed = prior, None
-        if not self._odometry and compared is not None:
-            # Nobody measured the motion but the images, which have their say once: in the registration.
-            followed = self._image_odometry.follow(compared, prior, doubtful=True)
-            prior = prior if followed is None else replace(prior, T_world_camera=followed.T_world_camera)
-        problem, by_odometry = RegistrationProblem(points, prior, self._probe, settings, extra), prior
+        problem, expected, followed = RegistrationProblem(points, prior, self._probe, settings, extra), prior, None
         found, confirmed = registered(problem, self._history.costs, rng), False
         if far is not None and is_jump(prior, found, settings):
             # Perhaps it was odometry that jumped, and two frames in a row say so.
@@ -174,22 +165,25 @@ class FieldLocaliser:
             again = register(replace(problem, prior=follows), found.T_world_camera)
             confirmed = not is_jump(follows, again, settings)
             prior, found = (follows, again) if confirmed else (prior, found)
-        # After a push a frame may fit where the camera is not.
-        doubtful = confirmed or self._misfits >= self.config.tracking.doubt_frames
         usual = self.config.relocalisation.least(self._history.recent_score)
-        # Where neither odometry nor images tell the motion, a frame may fit anywhere a little.
-        least = usual if doubtful else 0.0 if self._odometry or followed is not None else _UNFOLLOWED_SHARE * usual
-        verdict, score = judged(points, prior, found, self._probe, self.config, least)
-        if verdict is not Verdict.FITS and compared is not None and self._odometry:
-            followed = self._image_odometry.follow(compared, by_odometry, doubtful=verdict is not Verdict.UNKNOWN)
-        if verdict is not Verdict.FITS and followed is not None:
+        # After a push a frame may fit where the camera is not; a little, where a motion did not go on as before.
+        doubtful = confirmed or self._misfits >= self.config.tracking.doubt_frames
+        least = usual if doubtful else 0.0 if self._odometry else _UNMEASURED_SHARE * usual
+        verdict, score = judged(points, prior, found, self._probe, self.config, least if self._odometry else usual)
+        if verdict is not Verdict.FITS and compared is not None:
+            wide = verdict is not Verdict.UNKNOWN or not self._odometry
+            followed = self._image_odometry.follow(compared, expected, doubtful=wide)
+        if followed is not None:
             # Odometry was wrong, or the map is; images know nothing of either.
             prior = followed
             if verdict is not Verdict.UNKNOWN:
                 # With odometry's covariance: that image has its say in the registration, and none twice.
-                there = replace(by_odometry, T_world_camera=followed.T_world_camera)
+                there = replace(expected, T_world_camera=followed.T_world_camera)
                 found = register(replace(problem, prior=there))
-                verdict, score = judged(points, there, found, self._probe, self.config, usual)
+                least = usual if self._odometry else least
+                verdict, score = judged(points, there, found, self._probe, self.config, least)
+        elif not self._odometry:
+            verdict, score = judged(points, prior, found, self._probe, self.config, least)
         self._far = (found.T_world_camera, found.covariance) if verdict is Verdict.JUMPS else None
         if verdict is not Verdict.FITS:
             self._is_followed &= followed is not None
@@ -293,7 +287,7 @@ class FieldLocaliser:
         T_now = observation.T_world_camera
         if self._T_world_camera is None:
             return Prior(T_now, self._covariance, self._basis)
-        return self._motion.prior(*(before or (self._T_world_camera, self._covariance)), T_now)
+        return self._motion.prior(*(before or (self._T_world_camera, self._covariance)), T_now, self._T_world_camera)
 
     def _predicted(
         self,
@@ -315,9 +309,6 @@ class FieldLocaliser:
         estimate = self._estimate(observation, prior.T_world_camera, found, usable=usable)
         self._see(image, estimate)
         return estimate
-
-    def _image_of(self, observation: Observation) -> KeyImage:
-        return key_image(observation, self.config.key_images.longest_px, self._probe.noise_per_m)
 
     def _see(self, image: KeyImage | None, estimate: PoseEstimate) -> None:
         """Take a frame's image at its pose; None = it shows nothing."""

@@ -37,9 +37,11 @@ class MotionModel:
         T_world_camera: Float[np.ndarray, "4 4"],
         covariance: Float64[np.ndarray, "k k"],
         T_odometry: Float[np.ndarray, "4 4"],
+        T_believed: Float[np.ndarray, "4 4"] | None = None,
     ) -> Prior:
         """Of the next frame, from the camera's pose at the last one, and its covariance. ``T_odometry`` is the camera's
-        pose now as odometry has it, in a frame of its own.
+        pose now as odometry has it, in a frame of its own; ``T_believed`` the pose that was believed at the last frame,
+        None = the same.
         """
         config = self._config
         if self._has_odometry and self._T_odometry is not None:
@@ -53,9 +55,12 @@ class MotionModel:
             translation = a3 * distance**2 + a4 * angle**2 + floor_m**2
             rotation = a1 * angle**2 + a2 * distance**2 + floor_rad**2
         else:
-            T = T_world_camera @ self._T_last_now
-            distance = float(np.linalg.norm(self._T_last_now[:3, 3]))
-            angle = float(np.linalg.norm(rotation_vector(self._T_last_now[:3, :3])))
+            T_last_now = self._T_last_now
+            if T_believed is not None:
+                T_last_now = T_last_now @ np.linalg.inv(T_believed) @ T_world_camera
+            T = T_world_camera @ T_last_now
+            distance = float(np.linalg.norm(T_last_now[:3, 3]))
+            angle = float(np.linalg.norm(rotation_vector(T_last_now[:3, :3])))
             translation = config.free_translation_m**2 + (config.free_share * distance) ** 2
             rotation = config.free_rotation_rad**2 + (config.free_share * angle) ** 2
         self._scale = self._learnt_scale
