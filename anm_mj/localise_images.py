@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from anm_mj.config import RunConfig
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.trajectory_error import TrajectoryError, trajectory_error
+from anm_mj.evaluation.trajectory_error import TrajectoryError, trajectory_error, warn_of_assumed_times
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import empty_folder
@@ -143,6 +143,7 @@ def why_not_found(poses: list[ImagePose]) -> dict[str, list[int]]:
 
 def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | None:
     """Errors of found poses by a reference in the world of the map; None where it knows fewer than three of them."""
+    warn_of_assumed_times([pose.time_s for pose in poses], reference)
     records = []
     for pose in poses:
         true = reference.at(pose.time_s)

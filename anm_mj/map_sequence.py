@@ -17,7 +17,7 @@ from anm_mj.checkpoint.going_on import lay_over, say_other_engine
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
-from anm_mj.evaluation.trajectory_error import reference_error
+from anm_mj.evaluation.trajectory_error import reference_error, warn_of_assumed_times
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.manifest import RunFacts, manifest
@@ -258,6 +258,7 @@ def _tracking_metrics(records: list[FrameRecord], reference: Track | None, watch
         "frame_ms": {stage: ms / len(records) for stage, ms in watch.ms.items() if stage != "finish"},
     }
     if reference is not None:
+        warn_of_assumed_times([record.time_s for record in records], reference)
         error = reference_error(records, reference)
         if error is None:
             _logger.warning("%s has fewer than 3 poses at the times of the frames.", reference.name)

@@ -6,6 +6,7 @@ the ATE after alignment stands the same without: a map that is consistent and st
 error of nothing.
 """
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +20,11 @@ from anm_mj.errors import RunFolderError
 from anm_mj.frames import wrap_angle
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.run_records import FrameRecord
+from anm_mj.io.sequence import FRAME_S
 from anm_mj.io.sequence_poses import base_pose
 from anm_mj.utils.read_file import read_table
+
+_logger = logging.getLogger(__name__)
 
 RPE_M = 1.0
 """Driven distance over which drift is measured [m]."""
@@ -112,6 +116,23 @@ def read_reference(path: Path) -> Track:
     for line in lines:
         track.add(float(line[0]), line[1:])
     return track
+
+
+def warn_of_assumed_times(times_s: Sequence[float], reference: Track) -> None:
+    """Say so where frames probably have times of the program's [s], because their layout states none, and the reference
+    has others.
+    """
+
+    def are_counted(values: Sequence[float]) -> bool:
+        counts = np.asarray(values) / FRAME_S
+        return bool(np.all(np.abs(counts - np.rint(counts)) < 1e-4))
+
+    if are_counted(times_s) and not are_counted(reference.times_s):
+        _logger.warning(
+            "The frames state no times, so that they count as taken every 1/30 s; %s has other times, and errors by it "
+            "mean nothing unless it fits these.",
+            reference.name,
+        )
 
 
 def reference_error(frames: Sequence[FrameRecord], reference: Track) -> TrajectoryError | None:

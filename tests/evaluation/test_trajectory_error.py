@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.trajectory_error import read_reference, reference_error
+from anm_mj.evaluation.trajectory_error import read_reference, reference_error, warn_of_assumed_times
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence_poses import base_pose, camera_line
 
@@ -94,3 +94,14 @@ def test_what_is_no_trajectory_is_one_sentence(tmp_path, text):
         read_reference(tmp_path / "poses.tum")
     with pytest.raises(RunFolderError, match="cannot be read"):
         read_reference(tmp_path / "none.tum")
+
+
+@pytest.mark.parametrize(("step_s", "told"), [(0.1, False), (0.0731, True)])
+def test_a_reference_of_other_times_than_those_that_frames_are_given_is_named(step_s, told, tmp_path, caplog):
+    path = tmp_path / "poses.tum"
+    path.write_text("".join(camera_line(step_s * k, np.eye(4)) + "\n" for k in range(4)))
+    warn_of_assumed_times([k / 30.0 for k in range(4)], read_reference(path))
+    assert ("The frames state no times" in caplog.text) == told
+    caplog.clear()
+    warn_of_assumed_times([0.0, 0.04, 0.07], read_reference(path))
+    assert not caplog.text
