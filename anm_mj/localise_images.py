@@ -39,10 +39,10 @@ _MOST_TILTS = 8
 _SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
 """Tilts that are nearer to each other are one."""
 _REASONS = {
-    TrackingState.LOST: "looked for in the whole map: no place fits well, or several do",
-    TrackingState.TRACKING: "tracked from the images before: the map shows something else there, or hardly anything",
+    True: "looked for in the whole map: no place fits well, or several do, or the image measures too little",
+    False: "tracked from the images before: the map does not show this there, or does not tell the pose well enough",
 }
-"""Why an image was not found."""
+"""Why an image was not found, by whether it was looked for in the whole map."""
 _MOST_WAITING = 200
 """Images before the first that was found which are looked at again, from there backwards."""
 
@@ -55,8 +55,8 @@ class ImagePose:
     time_s: float
     T_world_camera: Float[np.ndarray, "4 4"] | None
     """Camera to the world of the map; None where it was not found."""
-    state: TrackingState
-    """LOST: it was looked for in the whole map. TRACKING: from the image before."""
+    searched: bool
+    """Whether it was looked for in the whole map; else it was tracked from the image before or after."""
     deviation_m: float | None = None
     """Largest standard deviation of the position [m]."""
     deviation_rad: float | None = None
@@ -67,14 +67,14 @@ class ImagePose:
     """Share of those that fit, in [0, 1]."""
 
     @classmethod
-    def of(cls, estimate: PoseEstimate) -> ImagePose:
+    def of(cls, estimate: PoseEstimate, *, searched: bool = False) -> ImagePose:
         """The pose of a frame, where it was found well enough."""
         seen, quality = estimate.observation, estimate.quality
         if not estimate.usable:
-            return cls(seen.step, seen.time_s, None, estimate.state)
+            return cls(seen.step, seen.time_s, None, searched)
         deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
         fit = quality.known, quality.inliers
-        return cls(seen.step, seen.time_s, seen.T_world_camera, estimate.state, *deviations, *fit)
+        return cls(seen.step, seen.time_s, seen.T_world_camera, searched, *deviations, *fit)
 
 
 def localise_images(
@@ -114,12 +114,15 @@ def localise_images(
         settings = replace(settings, relocalisation=replace(settings.relocalisation, frames=1))
     tracker = localiser(settings)
     poses: list[ImagePose] = []
+    found: dict[int, ImagePose] = {}
+    """Backwards, by step."""
     waiting: list[Observation] = []
     for seen in images.observations():
         if single:
             tracker = localiser(settings)
+        searched = tracker.state is TrackingState.LOST
         estimate = tracker.localise(seen)
-        poses.append(ImagePose.of(estimate))
+        poses.append(ImagePose.of(estimate, searched=searched))
         if estimate.relocalised:
             back = localiser(settings, lost=False)
             back.localise(estimate.observation)
@@ -128,16 +131,16 @@ def localise_images(
                 lambda each: each.T_world_camera is not None,
                 (ImagePose.of(back.localise(each)) for each in reversed(waiting)),
             ):
-                poses[before.step] = before
+                found[before.step] = before
         waiting = [] if poses[-1].T_world_camera is not None or single else [*waiting, seen][-_MOST_WAITING:]
         on_image(len(poses), len(images))
-    return poses
+    return [found.get(pose.step, pose) for pose in poses]
 
 
 def why_not_found(poses: list[ImagePose]) -> dict[str, list[int]]:
     """The steps of the images that were not found, by the reason, in words."""
     lost = [pose for pose in poses if pose.T_world_camera is None]
-    by_reason = {reason: [pose.step for pose in lost if pose.state is state] for state, reason in _REASONS.items()}
+    by_reason = {text: [pose.step for pose in lost if pose.searched == searched] for searched, text in _REASONS.items()}
     return {reason: steps for reason, steps in by_reason.items() if steps}
 
 

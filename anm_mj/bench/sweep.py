@@ -8,7 +8,7 @@ one policy, one robot, drive, pose and sensor, one start and one seed. Scenes ma
 import itertools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -136,6 +136,7 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
         raise BenchError(f"There is no file {path}; give a TOML file with scenes and policies.") from err
     except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
+    _require_known(path, content, (*TYPES, "sweep", "suite", "generated", "imported"))
     suite = content.pop("suite", None)
     provided = {} if suite is None else read_sweeps(suite_file(str(suite)))[1]
     for key, kind, needed in (
@@ -157,9 +158,7 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
 
 def _in_each_reality(path: Path, entries: dict[str, Any]) -> list[Sweep]:
     """A sweep for each reality that its entries name, with its conditions and settings below those that are given."""
-    for key in entries:
-        if key not in TYPES:
-            raise BenchError(f"{path}: there is no '{key}'{close_name(key, TYPES)}; there are {', '.join(TYPES)}.")
+    _require_known(path, entries, TYPES)
     for needed in ("scenes", "policies"):
         if not entries.get(needed):
             raise BenchError(f"{path}: {needed} is missing; name at least one.")
@@ -171,6 +170,13 @@ def _in_each_reality(path: Path, entries: dict[str, Any]) -> list[Sweep]:
         keys = {**world.options, **entries, "reality": name, "settings": settings}
         found.append(Sweep(**{key: _entry(path, key, value) for key, value in keys.items()}))
     return found
+
+
+def _require_known(path: Path, keys: Iterable[str], known: Collection[str]) -> None:
+    """Raises BenchError for a key that is not known."""
+    for key in keys:
+        if key not in known:
+            raise BenchError(f"{path}: there is no '{key}'{close_name(key, known)}; there are {', '.join(known)}.")
 
 
 def _entry(path: Path, key: str, value: Any) -> Any:

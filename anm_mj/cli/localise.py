@@ -82,7 +82,7 @@ def localise(
     found = [pose for pose in poses if pose.T_world_camera is not None]
     console.say(f"{len(found)} of {len(poses)} images found.")
     for reason, steps in why_not_found(poses).items():
-        console.say(f"Not found: {ranges_text(steps)}, {reason}.")
+        console.say(f"Not found: {ranges_text(steps)} ({reason}).")
     deviations = [(pose.deviation_m, pose.deviation_rad) for pose in found]
     if deviations:
         most_m, most_rad = (max(values) for values in zip(*deviations, strict=True))

@@ -139,7 +139,7 @@ def scene_generate(
 def _say_made(scene: Scene, facts: str, out: Path) -> Report:
     """Print what was made, and remember where."""
     from anm_mj.cli.console import PlainConsole
-    from anm_mj.scene.folder import load_scene, remember_folder
+    from anm_mj.scene.folder import named_folder, remember_folder
     from anm_mj.utils.package_data import data_folder
 
     remember_folder(scene.folder)
@@ -147,9 +147,7 @@ def _say_made(scene: Scene, facts: str, out: Path) -> Report:
     console.say(f"{scene.name}: {facts}. Explore it: anm-mj explore {out}")
     builtin = data_folder("scenes") / out.name
     if builtin.is_dir() and scene.folder.resolve() != builtin.resolve():
-        here = load_scene(out.name).folder.resolve() == scene.folder.resolve()
-        means = "here the name means this one" if here else "the name alone means that one"
-        console.say(f"The package has a scene {out.name}, too; {means}.")
+        console.say(f"The package has a scene {out.name}, too; here the name means {named_folder(out.name)}.")
     return Report(scene_facts(scene))
 
 

@@ -129,8 +129,8 @@ def warn_of_assumed_times(times_s: Sequence[float], reference: Track) -> None:
 
     if are_counted(times_s) and not are_counted(reference.times_s):
         _logger.warning(
-            "The frames state no times, so that they count as taken every 1/30 s; %s has other times, and errors by it "
-            "mean nothing unless it fits these.",
+            "Frames are whole multiples of 1/30 s apart, as they are where nothing states their times; %s has other "
+            "times. If the sequence states none, the errors mean nothing.",
             reference.name,
         )
 

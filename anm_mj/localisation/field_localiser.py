@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +31,7 @@ from anm_mj.localisation.motion import MotionModel
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.registration_starts import is_jump, registered
 from anm_mj.localisation.relocaliser import Relocaliser
-from anm_mj.localisation.tracking import FitHistory, TrainingPace, Verdict, judged
+from anm_mj.localisation.tracking import FitHistory, TrainingPace, Verdict, is_sure, judged
 from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2
@@ -47,7 +48,7 @@ _FIRST_DEVIATION = 1e-4
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
 _UNMEASURED_SHARE = 0.6
-"""A frame scores at least this share of what is usual where no odometry measures motions."""
+"""Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
 
 class FieldLocaliser:
@@ -108,7 +109,6 @@ class FieldLocaliser:
         self._key_images = KeyImages(config.key_images)
         self._compass = WallCompass(config.compass, self._basis)
         self._headings: Headings | None = None
-        """Of the last frame."""
         self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
         self._compared: FrameToImages | None = None
         """The last frame, for a comparison with earlier ones; needed until it is integrated."""
@@ -137,7 +137,7 @@ class FieldLocaliser:
             first = Prior(observation.T_world_camera, self._covariance, self._basis)
             self._headings = self._compass.look(observation, first, self._probe.noise_of(observation)).headings
             self._compass.learn(observation.T_world_camera, _FIRST_DEVIATION)
-            self._image_odometry.see(image)
+            self._image_odometry.see(None if self._odometry else image)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
@@ -157,33 +157,34 @@ class FieldLocaliser:
         self._headings = prior.headings
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
-        problem, expected, followed = RegistrationProblem(points, prior, self._probe, settings, extra), prior, None
+        problem, by_odometry = RegistrationProblem(points, prior, self._probe, settings, extra), prior
         found, confirmed = registered(problem, self._history.costs, rng), False
-        if far is not None and is_jump(prior, found, settings):
+        if far is not None and (is_jump(prior, found, settings) or not self._odometry):
             # Perhaps it was odometry that jumped, and two frames in a row say so.
             follows = replace(self._prior(observation, far), headings=prior.headings)
-            again = register(replace(problem, prior=follows), found.T_world_camera)
-            confirmed = not is_jump(follows, again, settings)
+            again = register(replace(problem, prior=follows), found.T_world_camera if self._odometry else None)
+            confirmed = not is_jump(follows, again, settings) and (self._odometry or again.cost < found.cost)
             prior, found = (follows, again) if confirmed else (prior, found)
-        usual = self.config.relocalisation.least(self._history.recent_score)
-        # After a push a frame may fit where the camera is not; a little, where a motion did not go on as before.
-        doubtful = confirmed or self._misfits >= self.config.tracking.doubt_frames
-        least = usual if doubtful else 0.0 if self._odometry else _UNMEASURED_SHARE * usual
-        verdict, score = judged(points, prior, found, self._probe, self.config, least if self._odometry else usual)
+        recent, expected, followed = self._history.recent_score, prior, None
+        usual = self.config.relocalisation.least(recent)
+        least = usual if confirmed or self._misfits >= self.config.tracking.doubt_frames else 0.0
+        like_recent = max(usual, self.config.relocalisation.usual_share * recent)
+        strict, floor = (0.0, 0.0) if self._odometry else (like_recent, _UNMEASURED_SHARE * usual)
+        judge = partial(judged, points, probe=self._probe, config=self.config)
+        verdict, score = judge(prior, found, least_score=least, least_known_score=strict)
         if verdict is not Verdict.FITS and compared is not None:
-            wide = verdict is not Verdict.UNKNOWN or not self._odometry
-            followed = self._image_odometry.follow(compared, expected, doubtful=wide)
-        if followed is not None:
-            # Odometry was wrong, or the map is; images know nothing of either.
+            followed = self._image_odometry.follow(compared, by_odometry, doubtful=verdict is not Verdict.UNKNOWN)
+        if verdict is not Verdict.FITS and not self._odometry:
+            verdict, score = judge(prior, found, least_score=least, least_known_score=floor)
+        if followed is not None and verdict is not Verdict.UNKNOWN:
+            # Odometry was wrong, or the map is. That image has its say in the registration, and none twice.
+            there = replace(by_odometry, T_world_camera=followed.T_world_camera)
+            again = register(replace(problem, prior=there))
+            new = judge(there, again, least_score=usual if self._odometry else least, least_known_score=floor)
+            if verdict is not Verdict.FITS or new[1] > score:
+                prior, found, (verdict, score) = followed, again, new
+        elif followed is not None:
             prior = followed
-            if verdict is not Verdict.UNKNOWN:
-                # With odometry's covariance: that image has its say in the registration, and none twice.
-                there = replace(expected, T_world_camera=followed.T_world_camera)
-                found = register(replace(problem, prior=there))
-                least = usual if self._odometry else least
-                verdict, score = judged(points, there, found, self._probe, self.config, least)
-        elif not self._odometry:
-            verdict, score = judged(points, prior, found, self._probe, self.config, least)
         self._far = (found.T_world_camera, found.covariance) if verdict is Verdict.JUMPS else None
         if verdict is not Verdict.FITS:
             self._is_followed &= followed is not None
@@ -287,7 +288,8 @@ class FieldLocaliser:
         T_now = observation.T_world_camera
         if self._T_world_camera is None:
             return Prior(T_now, self._covariance, self._basis)
-        return self._motion.prior(*(before or (self._T_world_camera, self._covariance)), T_now, self._T_world_camera)
+        place = before or (self._T_world_camera, self._covariance)
+        return self._motion.prior(*place, T_now, self._T_world_camera if before else None)
 
     def _predicted(
         self,
@@ -324,9 +326,7 @@ class FieldLocaliser:
         return largest_deviations(self._basis @ self._covariance @ self._basis.T)
 
     def _is_sure(self) -> bool:
-        position, rotation = self._deviations
-        tracking = self.config.tracking
-        return position <= tracking.most_deviation_m and rotation <= tracking.most_deviation_rad
+        return is_sure(self._deviations, self.config.tracking)
 
     def _estimate(
         self,

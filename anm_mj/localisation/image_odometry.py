@@ -39,7 +39,7 @@ class ImageOdometry:
             return None
         alone, believed = compared.against(self._last), self._motion(prior, doubtful=doubtful)
         found = self._found(alone, believed)
-        if found is None and doubtful and not self._has_odometry:
+        if found is None and not self._has_odometry:
             # Perhaps the motion before did not go on.
             found = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera))
         if found is None:
@@ -54,8 +54,8 @@ class ImageOdometry:
     def _motion(self, prior: Prior, *, doubtful: bool) -> Prior:
         """Of the motion alone, as far as it is believed."""
         assert prior.motion_covariance is not None
-        covariance = (_DOUBT**2 if doubtful else 1.0) * prior.motion_covariance
-        if doubtful and not self._has_odometry:
+        covariance = (_DOUBT**2 if doubtful or not self._has_odometry else 1.0) * prior.motion_covariance
+        if not self._has_odometry:
             turns = np.diag(np.any(prior.basis[3:] != 0.0, axis=0).astype(float))
             covariance = covariance + _LEAST_DOUBT_RAD**2 * turns
         return replace(prior, covariance=covariance, headings=None)

@@ -234,8 +234,13 @@ def frame_score(fits: Agreement, found: Registration, config: RelocalisationConf
     """How well a frame fits where it was registered, in [0, 1]."""
     # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
     certain = min(1.0, fits.known / config.least_known)
+    return certain * known_score(fits, found)
+
+
+def known_score(fits: Agreement, found: Registration) -> float:
+    """How well that fits which the map knows of a frame, in [0, 1]."""
     # Rooms of one shape are told apart by their colours, which light changes.
-    return certain * fits.share * found.inliers * (0.5 + 0.5 * found.colors)
+    return fits.share * found.inliers * (0.5 + 0.5 * found.colors)
 
 
 def believable(

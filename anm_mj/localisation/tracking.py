@@ -10,7 +10,7 @@ from anm_mj.localisation.localisation_config import LocalisationConfig, Tracking
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.registration import Prior, Registration
 from anm_mj.localisation.registration_starts import is_jump
-from anm_mj.localisation.relocaliser import frame_score
+from anm_mj.localisation.relocaliser import frame_score, known_score
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import TrainingEffort
 
@@ -63,9 +63,10 @@ def judged(
     probe: MapProbe,
     config: LocalisationConfig,
     least_score: float,
+    least_known_score: float = 0.0,
 ) -> tuple[Verdict, float]:
-    """The verdict on a frame, and its score in [0, 1], by :func:`~.relocaliser.frame_score`. One that scores
-    less than ``least_score`` contradicts the map, too.
+    """The verdict on a frame, and its score in [0, 1], by :func:`~.relocaliser.frame_score`. One that scores less than
+    ``least_score``, or less than ``least_known_score`` by what the map knows of it, contradicts the map, too.
     """
     fits, tracking = probe.agreement(points, found.T_world_camera), config.tracking
     score = frame_score(fits, found, config.relocalisation)
@@ -73,11 +74,17 @@ def judged(
         (fits.known >= tracking.least_known and fits.share < tracking.least_agreement)
         or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers)
         or score < least_score
+        or known_score(fits, found) < least_known_score
     ):
         return Verdict.CONTRADICTS, score
     if is_jump(prior, found, config.registration):
         return Verdict.JUMPS, score
     return (Verdict.UNKNOWN if found.known < tracking.least_known else Verdict.FITS), score
+
+
+def is_sure(deviations: tuple[float, float], config: TrackingConfig) -> bool:
+    """Whether standard deviations of a position [m] and a rotation [rad] are small enough for the map."""
+    return deviations[0] <= config.most_deviation_m and deviations[1] <= config.most_deviation_rad
 
 
 class TrainingPace:

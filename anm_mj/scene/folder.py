@@ -103,9 +103,14 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """The scene in a folder, or the scene of that name in the catalogue. Raises SceneError if there is no such scene,
     or the folder is not a complete scene folder.
     """
+    return read_scene_folder(named_folder(name_or_path) if isinstance(name_or_path, str) else name_or_path)
+
+
+def named_folder(name_or_path: str) -> Path:
+    """The folder that a name or a path means here. Raises SceneError if there is no scene of that name."""
     path = Path(name_or_path)
     # A folder that merely shares its name with a scene, as /home does, does not hide the scene.
-    if isinstance(name_or_path, str) and path.name == name_or_path and not os.path.isfile(path / TOML):
+    if path.name == name_or_path and not os.path.isfile(path / TOML):
         known = _known_scenes()
         if name_or_path in known:
             path = known[name_or_path]
@@ -115,7 +120,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
                 f"There is no scene {name_or_path!r}{close_name(name_or_path, known)}; the catalogue holds {names}. "
                 "Give one of these, the path of a scene folder, or import a mesh file first."
             )
-    return read_scene_folder(path)
+    return path
 
 
 def list_scenes() -> list[Scene]:

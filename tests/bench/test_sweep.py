@@ -140,6 +140,7 @@ def test_names_of_former_comparisons_stay(tmp_path):
         ('scenes = ["home"]\n', BenchError, "policies is missing"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstart = 2\n', BenchError, "there is no 'start'"),
         ('scenes = ["home"]\npolices = ["gvg"]\n', BenchError, r"no 'polices' \(did you mean policies\?\)"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\n[[sweeps]]\n', BenchError, r"no 'sweeps' \(did you mean sweep\?\)"),
         ('scenes = "home"\npolicies = ["gvg"]\n', BenchError, "scenes is 'home', .*expected array, got str"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstarts = 99\n', BenchError, "start poses; give 1"),
         ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "no preset 'best'"),

@@ -105,7 +105,10 @@ def policy_class(name: str) -> Any:
         raise
     # A module of the user's own may raise anything while it is imported.
     except (Exception, SystemExit) as err:
-        hint = f"; write {module_name.removesuffix('.py')}:{class_name}" if module_name.endswith(".py") else ""
+        stem = module_name.removesuffix(".py").rpartition("/")[2]
+        hint = (
+            f"; write {stem}:{class_name}, with the file in the current folder" if module_name.endswith(".py") else ""
+        )
         raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}){hint}.") from err
     found = getattr(module, class_name, None)
     if found is None:

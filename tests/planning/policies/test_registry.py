@@ -97,7 +97,7 @@ def test_a_class_of_the_users_own_needs_no_entry():
     [
         ("greedy", "frontier-full"),
         ("no_such_module:Policy", "cannot be imported"),
-        ("no_such_module.py:Policy", r"cannot be imported .*; write no_such_module:Policy\."),
+        ("made/no_such_module.py:Policy", "cannot be imported .*; write no_such_module:Policy, with the file"),
         (f"{__name__}:Nothing", "no class 'Nothing'"),
         (f"{__name__}:Lacking", "observe, on_collision"),
         (f"{__name__}:Unmakeable", "PolicyContext"),
