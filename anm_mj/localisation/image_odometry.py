@@ -15,7 +15,7 @@ from anm_mj.localisation.registration_starts import rotation_search
 _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
 _LEAST_DOUBT_RAD = 0.1
-"""Standard deviation of a rotation in doubt that no odometry measured, at least: a camera may begin to turn."""
+"""Standard deviation of a rotation that no odometry measured, at least: a camera may begin to turn."""
 
 
 class ImageOdometry:
@@ -32,8 +32,8 @@ class ImageOdometry:
 
     def follow(self, compared: FrameToImages, prior: Prior, *, doubtful: bool) -> Prior | None:
         """The prior of a frame with the motion that its image and the last one show in place of the expected one, which
-        may be farther off than its covariance says where it is ``doubtful``. None where the images show too little of
-        each other, or do not fit.
+        may be farther off than its covariance says where it is ``doubtful``, or no odometry measured it. None where the
+        images show too little of each other, or do not fit.
         """
         if self._last is None or prior.motion_covariance is None:
             return None
