@@ -66,15 +66,18 @@ def judged(
     least_known_score: float = 0.0,
 ) -> tuple[Verdict, float]:
     """The verdict on a frame, and its score in [0, 1], by :func:`~.relocaliser.frame_score`. One that scores less than
-    ``least_score``, or less than ``least_known_score`` by what the map knows of it, contradicts the map, too.
+    ``least_score``, or less than ``least_known_score`` by what the map knows of it, if it knows enough, contradicts the
+    map, too.
     """
     fits, tracking = probe.agreement(points, found.T_world_camera), config.tracking
     score = frame_score(fits, found, config.relocalisation)
+    # What shows new space alone contradicts nothing.
+    is_known = min(found.known, fits.known) >= tracking.least_known
     if (
         (fits.known >= tracking.least_known and fits.share < tracking.least_agreement)
         or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers)
+        or (is_known and known_score(fits, found) < least_known_score)
         or score < least_score
-        or known_score(fits, found) < least_known_score
     ):
         return Verdict.CONTRADICTS, score
     if is_jump(prior, found, config.registration):
