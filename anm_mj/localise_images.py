@@ -114,8 +114,8 @@ def localise_images(
         settings = replace(settings, relocalisation=replace(settings.relocalisation, frames=1))
     tracker = localiser(settings)
     poses: list[ImagePose] = []
+    # Tracked backwards, by step.
     found: dict[int, ImagePose] = {}
-    """Backwards, by step."""
     waiting: list[Observation] = []
     for seen in images.observations():
         if single:
