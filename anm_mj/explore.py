@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from anm_mj import loop_stages as stages
 from anm_mj.errors import PlanError
 from anm_mj.events import Decided, Ended, Event, Located, Observed, Observer, Stepped
-from anm_mj.localisation.localiser import Localiser, look_around
+from anm_mj.localisation.localiser import Localiser
 from anm_mj.loop_state import LoopState
 from anm_mj.protocols import Mapper, Policy, Robot
 from anm_mj.types import Action, StopReason
@@ -75,22 +75,9 @@ def explore(
     for step in range(state.step + 1, num_steps + 1):
         if interrupted:
             return end(StopReason.INTERRUPTED)
-        watch, observation, plan = Stopwatch(), state.observation, state.plan
+        watch, observation = Stopwatch(), state.observation
         with watch.stage("plan"):
-            action = state.follower.next_action(observation.pose)
-            decided = action is None or stages.is_blocked(action, plan, robot, mapper, observation)
-            if decided:
-                plan = look_around(state.lost_steps)
-                plan = plan or stages.doubt_stop(policy.plan(mapper, observation), mapper, state)
-                state.follower.start(plan)
-                action = state.follower.next_action(observation.pose)
-            if action is Action.MOVE_FORWARD and not state.monitor.sees:
-                decided, plan = True, stages.wait_for_sight(state, policy)
-                state.follower.start(plan)
-                action = state.follower.next_action(observation.pose)
-            if action is not None:
-                action = stages.give_way(action, robot, mapper, state)
-        assert plan is not None  # The follower has no action without a plan.
+            action, plan, decided = stages.decide(robot, mapper, policy, state)
         if decided:
             interrupted = tell(Decided(step - 1, plan))
         if plan.stop is not None:
@@ -109,13 +96,8 @@ def explore(
         elif action is Action.MOVE_FORWARD:
             state.collisions = state.blind_turns = 0
         with watch.stage("observe"):
-            seen = stages.observe(robot)
-            if seen is not None:
-                free = not result.collided and action is not Action.WAIT
-                judges = localiser is None
-                seen = state.monitor.check(
-                    seen, action=action, moved=free, sdf_m=mapper.sdf, grid_at=mapper.occupancy_grid, judges_pose=judges
-                )
+            moved = not result.collided and action is not Action.WAIT
+            seen = stages.observe(robot, mapper, state, action, moved=moved, judges_pose=localiser is None)
         if seen is None:
             state.total.add(watch)
             state.step = step

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.errors import MapError
-from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
+from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState, look_around
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.steps_ahead import held_disc, in_the_way, lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
@@ -22,13 +22,20 @@ UNTRAINED = MapUpdate(math.nan, 0, 0)
 """Of a frame that the map has not learnt from."""
 
 
-def observe(robot: Robot) -> Observation | None:
-    """The next frame; None where the camera fails, whatever its driver raises then."""
+def observe(
+    robot: Robot, mapper: Mapper, state: LoopState, action: Action, *, moved: bool, judges_pose: bool
+) -> Observation | None:
+    """The frame after an action, which ``moved`` the robot or not, checked as by
+    :meth:`~anm_mj.sensing.sensor_monitor.SensorMonitor.check`; None where the camera fails, whatever its driver raises.
+    """
     try:
-        return robot.observe()
+        seen = robot.observe()
     except Exception as err:
         _logger.error("The camera failed (%s: %s); the run ends.", type(err).__name__, err)
         return None
+    return state.monitor.check(
+        seen, action=action, moved=moved, sdf_m=mapper.sdf, grid_at=mapper.occupancy_grid, judges_pose=judges_pose
+    )
 
 
 def localise(
@@ -89,6 +96,27 @@ def learn(
         with watch.stage("plan"):
             policy.observe(observation)
     return update
+
+
+def decide(robot: Robot, mapper: Mapper, policy: Policy, state: LoopState) -> tuple[Action | None, Plan, bool]:
+    """The next action, None if the plan holds none; the plan that it belongs to; and whether that is a new one."""
+    observation, plan, follower = state.observation, state.plan, state.follower
+    assert observation is not None
+    action = follower.next_action(observation.pose)
+    decided = action is None or is_blocked(action, plan, robot, mapper, observation)
+    if decided:
+        plan = look_around(state.lost_steps)
+        plan = plan or doubt_stop(policy.plan(mapper, observation), mapper, state)
+        follower.start(plan)
+        action = follower.next_action(observation.pose)
+    if action is Action.MOVE_FORWARD and not state.monitor.sees:
+        decided, plan = True, wait_for_sight(state, policy)
+        follower.start(plan)
+        action = follower.next_action(observation.pose)
+    if action is not None:
+        action = give_way(action, robot, mapper, state)
+    assert plan is not None  # The follower has no action without a plan.
+    return action, plan, decided
 
 
 def is_blocked(

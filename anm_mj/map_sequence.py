@@ -6,46 +6,36 @@ Its poses are taken as they come, or found by localisation in the map that grows
 import logging
 import sys
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from anm_mj.checkpoint.going_on import lay_over, say_other_engine
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
-from anm_mj.evaluation.trajectory_error import reference_error, warn_of_assumed_times
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.manifest import RunFacts, manifest
-from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
-from anm_mj.io.plan_file import write_plan
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.io.sequence import Sequence, ranges_text
+from anm_mj.io.sequence import Sequence
 from anm_mj.io.sequence_poses import camera_line
 from anm_mj.io.to_json import write_json
-from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.loop_stages import find_moved, integrate
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.mapping_results import frame_metrics, tracking_metrics, write_map
 from anm_mj.mapping_state import MappingState, facts_of, open_logs, stored_mapping
-from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.protocols import Policy
-from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
-from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, frame_fit, misfits, say_misfits
-from anm_mj.sequence_check.warn_and_fix import facts
+from anm_mj.sequence_check.frame_fit import frame_fit
 from anm_mj.types import Footprint, MapUpdate, Observation
-from anm_mj.utils.files import atomic_write
-from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
 
@@ -89,45 +79,8 @@ def map_sequence(
             error, the folder holds the map up to there.
         CheckpointError: The run cannot be resumed.
     """
-    begin = time.perf_counter()
-    neural_map = make_mapper(config)
-    tracker = make_tracker(config, neural_map, has_poses=sequence.has_poses) if config.pose == "slam" else None
-    policy = _shadow_policy(config, footprint) if shadow else None
-    name = config.policy if shadow else RECORDED
-    stored = None
-    if resume is None:
-        folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
-        said = replace(_facts(config, neural_map, name), corrections=corrections)
-        write_json(folder.manifest, manifest(said, sys.argv))
-        write_json(folder.config, config)
-    else:
-        folder, stored = stored_mapping(resume, sequence, config)
-        say_other_engine(stored, neural_map.backend.name)
-        begin -= float(stored.facts["wall_s"])
-    log, cameras = open_logs(folder, config, stored, tracks=tracker is not None)
-    state = MappingState()
-    roots = {"mapper": neural_map, "log": log, "state": state, "tracker": tracker, "policy": policy}
-    roots = {name: each for name, each in roots.items() if each is not None}
-    known = KnownClasses(policy_class(config.policy).__module__)
-    if stored is not None:
-        lay_over(stored, roots, known)
-        folder.metrics.unlink(missing_ok=True)
-    records, fits, watch = state.records, state.fits, state.watch
-
-    def facts_and_files() -> tuple[dict[str, Any], list[Path]]:
-        said = facts_of(sequence, config, neural_map.backend.name, [*log.files, *cameras], time.perf_counter() - begin)
-        since = checkpointer.last_step or 0
-        new = [folder.depth(record.step) for record in records if record.step >= since]
-        return said, [*(file.path for file in (*log.files, *cameras)), *new]
-
-    checkpointer = Checkpointer(
-        CheckpointStore(folder.checkpoints),
-        config.checkpoint,
-        lambda: roots,
-        facts_and_files,
-        known,
-        resumed_at=None if stored is None else stored.step,
-    )
+    mapping = _Mapping(sequence, config, footprint, out, resume, shadow=shadow, corrections=corrections)
+    folder, state, checkpointer = mapping.folder, mapping.state, mapping.checkpointer
 
     def tell(event: object) -> bool:
         return any([observer.on_event(event) for observer in observers])
@@ -139,70 +92,28 @@ def map_sequence(
     try:
         frames = sequence.observations(start=state.next_frame)
         while not interrupted:
-            with watch.stage("read"):
+            with state.watch.stage("read"):
                 observation = next(frames, None)
             if observation is None:
                 break
             between = False
-            estimate = None
-            if tracker is not None:
-                with watch.stage("localise"):
-                    estimate = tracker.localise(observation)
-                observation = estimate.observation
-            with watch.stage("map"):
-                observation, estimate = find_moved(observation, estimate, neural_map)
-            with watch.stage("check"):
-                fits.append(frame_fit(observation, neural_map))
-            with watch.stage("map"):
-                update = integrate(observation, estimate, tracker, neural_map)
-            state.last = observation
-            log.observation(observation, estimate=estimate, fit=asdict(fits[-1]), closes_loop=update.closes_loop)
-            records.append(_record(observation, estimate, update))
-            is_lost = records[-1].is_lost
-            # A trajectory in this format is of the poses that are known.
-            for file in cameras if not is_lost else ():
-                file.line(camera_line(observation.time_s, observation.T_world_camera))
-            plan = None
-            if policy is not None and not is_lost:
-                policy.observe(observation)
-                plan = policy.plan(neural_map, observation)
-                log.plan(observation.step, plan)
-                interrupted |= tell(Decided(observation.step, plan))
-            interrupted |= tell(Observed(observation, update, estimate))
-            interrupted |= tell(Mapped(observation, neural_map, plan))
+            interrupted = mapping.map_frame(observation, tell)
             between = True
-            checkpointer.after_step(state.next_frame, time.perf_counter() - begin)
+            checkpointer.after_step(state.next_frame, mapping.wall_s)
     except Exception as err:
         # What was mapped before is worth more than nothing.
         failure = err
-    last = state.last
     ended = failure is None and not interrupted
     try:
         try:
-            if not ended and last is not None and (between or checkpointer.last_step is not None):
+            if not ended and state.last is not None and (between or checkpointer.last_step is not None):
                 step = state.next_frame if between else checkpointer.last_step or 0
                 checkpointer.finish(step, resumable=True)
         finally:
-            log.close()
-            for file in cameras:
-                file.close()
-        if last is not None:
-            if config.goal != "coverage" and ended:
-                with watch.stage("finish"):
-                    neural_map.finish()
-            _finish(folder, config, neural_map, footprint, log, last)
+            mapping.close_logs()
         # Frames after an interruption by the user are not missed.
         reached = state.next_frame if interrupted else len(sequence)
-        metrics: dict[str, Any] = {
-            "frames": len(records),
-            "left_out_frames": reached - len(records) + sum(each.frames for each in sequence.left_out),
-            "wall_s": time.perf_counter() - begin,
-        }
-        if records:
-            metrics |= _fit_metrics(folder, fits[: len(records)], records, verdict)
-        if tracker is not None and records:
-            metrics |= _tracking_metrics(records, reference, watch)
-        write_json(folder.metrics, metrics)
+        mapping.write(reached, verdict, reference, ended=ended)
         if ended:
             checkpointer.finish(state.next_frame, resumable=False)
     except Exception:
@@ -212,9 +123,139 @@ def map_sequence(
         _logger.warning("The same command with --resume %s in place of --out goes on with it.", folder.path)
     if failure is not None:
         if folder.map.is_file():
-            _logger.warning("Mapping ended after %d frames; %s holds the map up to there.", len(records), folder.path)
+            text = "Mapping ended after %d frames; %s holds the map up to there."
+            _logger.warning(text, len(state.records), folder.path)
         raise failure
     return folder
+
+
+class _Mapping:
+    """One mapping of a sequence: its parts, where it stands, and the folder that it writes."""
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        config: RunConfig,
+        footprint: Footprint,
+        out: Path | None,
+        resume: Path | None,
+        *,
+        shadow: bool,
+        corrections: tuple[str, ...],
+    ) -> None:
+        """Arguments as of :func:`map_sequence`; raises AnmError as that does."""
+        self._begin = time.perf_counter()
+        self._sequence, self._config, self._footprint = sequence, config, footprint
+        self._map = make_mapper(config)
+        tracks = config.pose == "slam"
+        self._tracker = make_tracker(config, self._map, has_poses=sequence.has_poses) if tracks else None
+        self._policy = _shadow_policy(config, footprint) if shadow else None
+        stored = None
+        if resume is None:
+            name = config.policy if shadow else RECORDED
+            self.folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
+            said = replace(_facts(config, self._map, name), corrections=corrections)
+            write_json(self.folder.manifest, manifest(said, sys.argv))
+            write_json(self.folder.config, config)
+        else:
+            self.folder, stored = stored_mapping(resume, sequence, config)
+            say_other_engine(stored, self._map.backend.name)
+            self._begin -= float(stored.facts["wall_s"])
+        self._log, self._cameras = open_logs(self.folder, config, stored, tracks=tracks)
+        self.state = MappingState()
+        parts = {
+            "mapper": self._map,
+            "log": self._log,
+            "state": self.state,
+            "tracker": self._tracker,
+            "policy": self._policy,
+        }
+        roots = {name: part for name, part in parts.items() if part is not None}
+        known = KnownClasses(policy_class(config.policy).__module__)
+        if stored is not None:
+            lay_over(stored, roots, known)
+            self.folder.metrics.unlink(missing_ok=True)
+        self.checkpointer = Checkpointer(
+            CheckpointStore(self.folder.checkpoints),
+            config.checkpoint,
+            lambda: roots,
+            self._facts_and_files,
+            known,
+            resumed_at=None if stored is None else stored.step,
+        )
+
+    @property
+    def wall_s(self) -> float:
+        """Time since the start of the mapping, without what lay between two parts of it [s]."""
+        return time.perf_counter() - self._begin
+
+    def _facts_and_files(self) -> tuple[dict[str, Any], list[Path]]:
+        """What a checkpoint says beside the state, and what must be on the disk before it counts."""
+        files = [*self._log.files, *self._cameras]
+        said = facts_of(self._sequence, self._config, self._map.backend.name, files, self.wall_s)
+        since = self.checkpointer.last_step or 0
+        new = [self.folder.depth(record.step) for record in self.state.records if record.step >= since]
+        return said, [*(file.path for file in files), *new]
+
+    def map_frame(self, observation: Observation, tell: Callable[[object], bool]) -> bool:
+        """Take in the next frame, and tell observers; whether one of them wants the mapping to end."""
+        state, watch = self.state, self.state.watch
+        estimate = None
+        if self._tracker is not None:
+            with watch.stage("localise"):
+                estimate = self._tracker.localise(observation)
+            observation = estimate.observation
+        with watch.stage("map"):
+            observation, estimate = find_moved(observation, estimate, self._map)
+        with watch.stage("check"):
+            fit = frame_fit(observation, self._map)
+        with watch.stage("map"):
+            update = integrate(observation, estimate, self._tracker, self._map)
+        state.last = observation
+        state.fits.append(fit)
+        self._log.observation(observation, estimate=estimate, fit=asdict(fit), closes_loop=update.closes_loop)
+        record = _record(observation, estimate, update)
+        state.records.append(record)
+        interrupted, plan = False, None
+        if not record.is_lost:
+            # A trajectory in this format is of the poses that are known.
+            for file in self._cameras:
+                file.line(camera_line(observation.time_s, observation.T_world_camera))
+            if self._policy is not None:
+                self._policy.observe(observation)
+                plan = self._policy.plan(self._map, observation)
+                self._log.plan(observation.step, plan)
+                interrupted = tell(Decided(observation.step, plan))
+        interrupted |= tell(Observed(observation, update, estimate))
+        return interrupted | tell(Mapped(observation, self._map, plan))
+
+    def close_logs(self) -> None:
+        """No frame is to come."""
+        self._log.close()
+        for file in self._cameras:
+            file.close()
+
+    def write(self, reached: int, verdict: Verdict | None, reference: Track | None, *, ended: bool) -> None:
+        """The map and all that is said of it, after ``reached`` frames of the sequence, which has ``ended`` or not; the
+        others as of :func:`map_sequence`.
+        """
+        state, folder = self.state, self.folder
+        if state.last is not None:
+            if self._config.goal != "coverage" and ended:
+                with state.watch.stage("finish"):
+                    self._map.finish()
+            write_map(folder, self._config, self._map, self._footprint, self._log, state.last)
+        records = state.records
+        metrics: dict[str, Any] = {
+            "frames": len(records),
+            "left_out_frames": reached - len(records) + sum(each.frames for each in self._sequence.left_out),
+            "wall_s": self.wall_s,
+        }
+        if records:
+            metrics |= frame_metrics(folder, state.fits[: len(records)], records, verdict)
+        if self._tracker is not None and records:
+            metrics |= tracking_metrics(records, reference, state.watch)
+        write_json(folder.metrics, metrics)
 
 
 def _record(observation: Observation, estimate: PoseEstimate | None, update: MapUpdate) -> FrameRecord:
@@ -222,74 +263,6 @@ def _record(observation: Observation, estimate: PoseEstimate | None, update: Map
     is_lost = estimate is not None and estimate.state is TrackingState.LOST
     is_mapped = estimate is None or estimate.usable
     return FrameRecord(observation.step, observation.time_s, pose, T, pose, T, is_lost, is_mapped, update.closes_loop)
-
-
-def _fit_metrics(
-    folder: RunFolder, fits: list[FrameFit], records: list[FrameRecord], verdict: Verdict | None
-) -> dict[str, Any]:
-    """How well frames fit each other and the map; warnings name those that do not."""
-    from anm_mj.viz.plots import draw_fit
-
-    positions = np.array([record.T_world_camera[:3, 3] for record in records])
-    say_misfits(fits, positions, [record.time_s for record in records])
-    with writing(folder.fit_picture):
-        draw_fit(folder.fit_picture, [fit.fitting for fit in fits], [fit.residual_m for fit in fits], misfits(fits))
-    used = 100.0 * float(np.mean([record.is_mapped for record in records]))
-    return {"used_percent": used, **fit_metrics(fits), **({} if verdict is None else facts(verdict))}
-
-
-def _tracking_metrics(records: list[FrameRecord], reference: Track | None, watch: Stopwatch) -> dict[str, Any]:
-    """What ``metrics.json`` says of a tracked sequence; warnings name the frames that were not mapped."""
-    lost = [record.step for record in records if record.is_lost]
-    unmapped = [record.step for record in records if not record.is_mapped]
-    if lost:
-        _logger.warning("The camera was LOST in %d of %d frames: %s.", len(lost), len(records), ranges_text(lost))
-    if len(unmapped) > len(lost):
-        _logger.warning(
-            "%d of %d frames are not in the map, as their pose was not good enough: %s.",
-            len(unmapped),
-            len(records),
-            ranges_text(unmapped),
-        )
-    metrics: dict[str, Any] = {
-        "lost_percent": 100.0 * len(lost) / len(records),
-        "unmapped_percent": 100.0 * len(unmapped) / len(records),
-        "loops_closed": sum(record.closes_loop for record in records),
-        "frame_ms": {stage: ms / len(records) for stage, ms in watch.ms.items() if stage != "finish"},
-    }
-    if reference is not None:
-        warn_of_assumed_times([record.time_s for record in records], reference)
-        error = reference_error(records, reference)
-        if error is None:
-            _logger.warning("%s has fewer than 3 poses at the times of the frames.", reference.name)
-        else:
-            metrics |= asdict(error)
-    return metrics
-
-
-def _finish(
-    folder: RunFolder, config: RunConfig, neural_map: NeuralMap, footprint: Footprint, log: RunLog, last: Observation
-) -> None:
-    """Map, mesh, top-down map and its picture."""
-    from anm_mj.viz.figure_file import save_figure
-    from anm_mj.viz.plots import topdown_figure
-
-    with writing(folder.map), atomic_write(folder.map) as partial:
-        neural_map.save(partial)
-    write_mesh(folder.mesh, neural_map.mesh(MESH_RESOLUTION_M))
-    stages = RegionStages(config.planning, footprint)
-    for pose in log.poses:
-        stages.topdown.visit(pose.xy_m)
-    survey = stages.read(neural_map, last).plan("the end")
-    write_plan(folder.survey, survey)
-    with writing(folder.topdown_picture):
-        figure = topdown_figure(
-            survey,
-            log.poses,
-            target_xy_m=log.last_target_xy_m,
-            title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
-        )
-        save_figure(figure, folder.topdown_picture)
 
 
 def _shadow_policy(config: RunConfig, footprint: Footprint) -> Policy:

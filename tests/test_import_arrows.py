@@ -38,7 +38,7 @@ FLOORS = {
         ("config", "export"),
         ("prior_run",),
         ("run_parts",),
-        ("mapping_state",),
+        ("mapping_results", "mapping_state"),
         ("localise_images", "map_sequence", "run"),
         ("api", "bench", "resume"),
         ("ros",),

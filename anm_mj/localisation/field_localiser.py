@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,10 +27,10 @@ from anm_mj.localisation.localiser import (
 )
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.motion import MotionModel
-from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem, register
-from anm_mj.localisation.registration_starts import is_jump, registered
+from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem
 from anm_mj.localisation.relocaliser import Relocaliser
-from anm_mj.localisation.tracking import FitHistory, TrainingPace, Verdict, is_sure, judged
+from anm_mj.localisation.tracking import Tracker, Verdict
+from anm_mj.localisation.training_pace import TrainingPace
 from anm_mj.localisation.wall_directions import Headings
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2
@@ -47,8 +46,6 @@ _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
-_UNMEASURED_SHARE = 0.6
-"""Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
 
 class FieldLocaliser:
@@ -102,7 +99,6 @@ class FieldLocaliser:
         self._pace = TrainingPace(config.tracking)
         self._misfits = 0
         """Frames in a row that did not fit."""
-        self._history = FitHistory()
         self._motion = MotionModel(config.motion, self._basis, has_odometry=odometry)
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config, self._basis, self._probe)
@@ -115,6 +111,7 @@ class FieldLocaliser:
         self._is_chained = False
         """Whether the motion since the last keyframe is known."""
         self._image_odometry = ImageOdometry(config, has_odometry=odometry)
+        self._tracker = Tracker(config, self._probe, self._image_odometry, has_odometry=odometry)
         self._is_followed = True
         """Whether images show all motion since frames fitted."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
@@ -157,42 +154,20 @@ class FieldLocaliser:
         self._headings = prior.headings
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
-        problem, by_odometry = RegistrationProblem(points, prior, self._probe, settings, extra), prior
-        found, confirmed = registered(problem, self._history.costs, rng), False
-        if far is not None and (is_jump(prior, found, settings) or not self._odometry):
-            # Perhaps it was odometry that jumped, and two frames in a row say so.
-            follows = replace(self._prior(observation, far), headings=prior.headings)
-            again = register(replace(problem, prior=follows), found.T_world_camera if self._odometry else None)
-            confirmed = not is_jump(follows, again, settings) and (self._odometry or again.cost < found.cost)
-            prior, found = (follows, again) if confirmed else (prior, found)
-        recent, expected, followed = self._history.recent_score, prior, None
-        usual = self.config.relocalisation.least(recent)
-        least = usual if confirmed or self._misfits >= self.config.tracking.doubt_frames else 0.0
-        like_recent = max(usual, self.config.relocalisation.usual_share * recent)
-        strict, floor = (0.0, 0.0) if self._odometry else (like_recent, _UNMEASURED_SHARE * usual)
-        judge = partial(judged, points, probe=self._probe, config=self.config)
-        verdict, score = judge(prior, found, least_score=least, least_known_score=strict)
-        if verdict is not Verdict.FITS and compared is not None:
-            followed = self._image_odometry.follow(compared, by_odometry, doubtful=verdict is not Verdict.UNKNOWN)
-        if verdict is not Verdict.FITS and not self._odometry:
-            verdict, score = judge(prior, found, least_score=least, least_known_score=floor)
-        if followed is not None and verdict is not Verdict.UNKNOWN:
-            # Odometry was wrong, or the map is. That image has its say in the registration, and none twice.
-            there = replace(by_odometry, T_world_camera=followed.T_world_camera)
-            again = register(replace(problem, prior=there))
-            new = judge(there, again, least_score=usual if self._odometry else least, least_known_score=floor)
-            if verdict is not Verdict.FITS or new[1] > score:
-                prior, found, (verdict, score) = followed, again, new
-        elif followed is not None:
-            prior = followed
-        self._far = (found.T_world_camera, found.covariance) if verdict is Verdict.JUMPS else None
-        if verdict is not Verdict.FITS:
-            self._is_followed &= followed is not None
-            return self._predicted(observation, prior, found, image, misfit=verdict is not Verdict.UNKNOWN)
+        problem = RegistrationProblem(points, prior, self._probe, settings, extra)
+        after_far = None if far is None else self._prior(observation, far)
+        believed = self._tracker.believed_score
+        tracked = self._tracker.track(problem, after_far, compared, rng, misfits=self._misfits)
+        found = tracked.found
+        self._far = (found.T_world_camera, found.covariance) if tracked.verdict is Verdict.JUMPS else None
+        if tracked.verdict is not Verdict.FITS:
+            self._is_followed &= tracked.is_followed
+            misfit = tracked.verdict is not Verdict.UNKNOWN
+            return self._predicted(observation, tracked.prior, found, image, misfit=misfit)
         self._misfits = 0
-        self._is_followed |= score >= usual
-        self._history.add(found.mean_cost, score)
-        self._motion.learn(expected, found.T_world_camera)
+        self._is_followed |= tracked.score >= believed
+        self._tracker.history.add(found.mean_cost, tracked.score)
+        self._motion.learn(tracked.expected, found.T_world_camera)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
         self._compass.learn(found.T_world_camera, largest_deviations(estimate.covariance)[1])
@@ -270,7 +245,7 @@ class FieldLocaliser:
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=self._is_followed)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
-        believed = finder.look(points, self._tilts or (prior.T_world_camera,), rng, self._history.usual_score)
+        believed = finder.look(points, self._tilts or (prior.T_world_camera,), rng, self._tracker.history.usual_score)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, image, misfit=False)
         finder.restart()
@@ -326,7 +301,9 @@ class FieldLocaliser:
         return largest_deviations(self._basis @ self._covariance @ self._basis.T)
 
     def _is_sure(self) -> bool:
-        return is_sure(self._deviations, self.config.tracking)
+        position_m, rotation_rad = self._deviations
+        tracking = self.config.tracking
+        return position_m <= tracking.most_deviation_m and rotation_rad <= tracking.most_deviation_rad
 
     def _estimate(
         self,

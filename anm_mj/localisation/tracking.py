@@ -1,23 +1,30 @@
-"""Tracking: whether a frame fits the map where it was registered, and how much is trained on it. One that fits less
-well than usual may be in a wrong place.
+"""Tracking: where a frame is, near where it is expected, and whether it fits the map there. One that fits less well
+than usual may be in a wrong place.
 """
 
 import math
 import statistics
+from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 
-from anm_mj.localisation.localisation_config import LocalisationConfig, TrackingConfig
+import numpy as np
+
+from anm_mj.localisation.frame_to_images import FrameToImages
+from anm_mj.localisation.image_odometry import ImageOdometry
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.map_probe import MapProbe
-from anm_mj.localisation.registration import Prior, Registration
-from anm_mj.localisation.registration_starts import is_jump
+from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
+from anm_mj.localisation.registration_starts import is_jump, registered
 from anm_mj.localisation.relocaliser import frame_score, known_score
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.types import TrainingEffort
 
 _FRAMES = 20
 """So many frames say what is usual,"""
 _RECENT = 3
 """and so many what frames score just now: where much is new, less than usual."""
+_UNMEASURED_SHARE = 0.6
+"""Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
 
 class Verdict(Enum):
@@ -85,31 +92,114 @@ def judged(
     return (Verdict.UNKNOWN if found.known < tracking.least_known else Verdict.FITS), score
 
 
-def is_sure(deviations: tuple[float, float], config: TrackingConfig) -> bool:
-    """Whether standard deviations of a position [m] and a rotation [rad] are small enough for the map."""
-    return deviations[0] <= config.most_deviation_m and deviations[1] <= config.most_deviation_rad
+@dataclass(frozen=True)
+class Tracked:
+    """A frame, where tracking has it."""
+
+    verdict: Verdict
+    score: float
+    """In [0, 1]; see :func:`judged`."""
+    found: Registration
+    prior: Prior
+    """That it was registered by."""
+    expected: Prior
+    """What the frames before said of it, before images did."""
+    is_followed: bool = False
+    """Whether images told the motion."""
 
 
-class TrainingPace:
-    """The first frames decide all later drift: they are trained on longer.
+class Tracker:
+    """Registers each frame near where it is expected."""
 
-    Frames that show much that the map does not know yet become keyframes sooner, or the next frame would be registered
-    to what only one batch has shown.
-    """
+    REBUILT = ("_probe",)
 
-    def __init__(self, config: TrackingConfig) -> None:
-        """Before the first frame."""
-        self._config = config
-        self._num_mapped = 0
-        self._since_keyframe = 0
+    def __init__(
+        self, config: LocalisationConfig, probe: MapProbe, image_odometry: ImageOdometry, *, has_odometry: bool
+    ) -> None:
+        """Before any frame; whether odometry tells the motions that priors expect."""
+        self._config, self._probe, self._has_odometry = config, probe, has_odometry
+        self._image_odometry = image_odometry
+        self.history = FitHistory()
 
-    def next(self, known: float) -> TrainingEffort:
-        """The effort for the next frame that is mapped, by the share of its points that the map knows."""
+    def track(
+        self,
+        problem: RegistrationProblem,
+        after_far: Prior | None,
+        compared: FrameToImages | None,
+        rng: np.random.Generator,
+        *,
+        misfits: int,
+    ) -> Tracked:
+        """Register a frame by the prior of its problem. Images say where it is if it does not fit there.
+
+        Args:
+            problem: Of the registration.
+            after_far: The prior if the last frame was where it jumped to; None = it did not jump.
+            compared: The frame, to be compared with the last one; None = it has no image.
+            rng: What starts of a registration are drawn from.
+            misfits: How many frames before it did not fit, in a row.
+        """
         config = self._config
-        self._num_mapped += 1
-        fresh = self._num_mapped <= config.young_frames or known < config.familiar
-        self._since_keyframe += 1
-        is_keyframe = self._since_keyframe >= (config.fresh_keyframe_every if fresh else config.keyframe_every)
-        if is_keyframe:
-            self._since_keyframe = 0
-        return TrainingEffort(config.young_iterations if fresh else config.iterations, config.current_rays, is_keyframe)
+        prior, found = problem.prior, registered(problem, self.history.costs, rng)
+        confirmed = None if after_far is None else self._after_jump(problem, after_far, found)
+        if confirmed is not None:
+            prior, found = confirmed
+        usual = self.believed_score
+        doubtful = confirmed is not None or misfits >= config.tracking.doubt_frames
+        least, strict, floor = usual if doubtful else 0.0, 0.0, 0.0
+        if not self._has_odometry:
+            like_recent = config.relocalisation.usual_share * self.history.recent_score
+            strict, floor = max(usual, like_recent), _UNMEASURED_SHARE * usual
+        judge = partial(self._judged, problem.points, expected=prior)
+        tracked = judge(prior, found, least_score=least, least_known_score=strict)
+        if tracked.verdict is Verdict.FITS:
+            return tracked
+        followed = None
+        if compared is not None:
+            is_odd = tracked.verdict is not Verdict.UNKNOWN
+            followed = self._image_odometry.follow(compared, problem.prior, doubtful=is_odd)
+        if not self._has_odometry:
+            tracked = judge(prior, found, least_score=least, least_known_score=floor)
+        if followed is None:
+            return tracked
+        if tracked.verdict is Verdict.UNKNOWN:
+            return replace(tracked, prior=followed, is_followed=True)
+        # Odometry was wrong, or the map is. That image has its say in the registration, and none twice.
+        there = replace(problem.prior, T_world_camera=followed.T_world_camera)
+        again = register(replace(problem, prior=there))
+        new = judge(there, again, least_score=usual if self._has_odometry else least, least_known_score=floor)
+        if tracked.verdict is Verdict.FITS and new.score <= tracked.score:
+            return replace(tracked, is_followed=True)
+        return replace(new, prior=followed, is_followed=True)
+
+    @property
+    def believed_score(self) -> float:
+        """From what score on, in [0, 1], a place is believed by itself, after the last frames."""
+        return self._config.relocalisation.least(self.history.recent_score)
+
+    def _after_jump(
+        self, problem: RegistrationProblem, after_far: Prior, found: Registration
+    ) -> tuple[Prior, Registration] | None:
+        """The prior and the registration of a frame if the last one jumped rightly; None if that is not confirmed."""
+        settings = problem.config
+        if self._has_odometry and not is_jump(problem.prior, found, settings):
+            return None
+        # Perhaps it was odometry that jumped, and two frames in a row say so.
+        follows = replace(after_far, headings=problem.prior.headings)
+        again = register(replace(problem, prior=follows), found.T_world_camera if self._has_odometry else None)
+        if is_jump(follows, again, settings) or not (self._has_odometry or again.cost < found.cost):
+            return None
+        return follows, again
+
+    def _judged(
+        self,
+        points: FramePoints,
+        prior: Prior,
+        found: Registration,
+        *,
+        expected: Prior,
+        least_score: float,
+        least_known_score: float,
+    ) -> Tracked:
+        verdict, score = judged(points, prior, found, self._probe, self._config, least_score, least_known_score)
+        return Tracked(verdict, score, found, prior, expected)

@@ -1,15 +1,16 @@
-"""The verdict on a frame, by what the map says of it."""
+"""The verdict on a frame, by what the map says of it, and where tracking has a frame after a jump."""
 
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.image_odometry import ImageOdometry
+from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
 from anm_mj.localisation.map_probe import Agreement, MapProbe
-from anm_mj.localisation.registration import FREE, Prior, Registration
-from anm_mj.localisation.tracking import Verdict, judged
-from anm_mj.mapping.alignment import FramePoints
+from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem
+from anm_mj.localisation.tracking import Tracked, Tracker, Verdict, judged
+from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
 PRIOR = Prior(np.eye(4), np.eye(6) * 1e-4, FREE)
 
@@ -38,3 +39,72 @@ def test_a_frame_is_held_against_what_the_map_knows_of_it(
     num_confirmed: int, num_contradicted: int, known: float, least_known_score: float, expected: Verdict
 ) -> None:
     assert verdict(num_confirmed, num_contradicted, known, least_known_score) is expected
+
+
+class Wall(MapProbe):
+    """A map of one wall: where the camera's x is 0, all points lie on it."""
+
+    def __init__(self) -> None:
+        pass
+
+    def align(self, points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettings) -> NormalEquations:
+        distance = np.full(len(points), T_world_camera[0, 3])
+        square = (distance / settings.field_deviation_m) ** 2
+        share = settings.kernel**2 / (settings.kernel**2 + square)
+        weight = share**2 / settings.field_deviation_m**2
+        row = np.eye(6)[0]
+        hessian = np.stack((np.outer(row, row) * weight.sum(), np.zeros((6, 6))))
+        gradient = np.stack((row * float(weight @ distance), np.zeros(6)))
+        facts = np.array([[float(share @ square), float((share**2).sum()), len(points)], [0.0, 0.0, 0.0]])
+        return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
+
+    def agreement(self, points: FramePoints, T_world_camera: np.ndarray) -> Agreement:
+        is_there = np.full(len(points), abs(T_world_camera[0, 3]) < 0.02)
+        return Agreement(is_there, ~is_there)
+
+    def contradicted(self, points: FramePoints, T_world_camera: np.ndarray) -> float:
+        return 0.0 if abs(T_world_camera[0, 3]) < 0.02 else 1.0
+
+    def known(self, points_m: np.ndarray) -> np.ndarray:
+        return np.ones(len(points_m), bool)
+
+
+def prior_at(x_m: float) -> Prior:
+    """Known to 1 cm."""
+    T = np.eye(4)
+    T[0, 3] = x_m
+    return Prior(T, np.eye(3) * 0.01**2, PLANAR, np.eye(3) * 0.01**2)
+
+
+def tracked(prior: Prior, after_far: Prior | None) -> Tracked:
+    """A frame that the wall puts at x = 0, without images."""
+    settings = RegistrationConfig(color_deviation=0.0)
+    config = LocalisationConfig(registration=settings)
+    tracker = Tracker(config, Wall(), Mock(spec=ImageOdometry), has_odometry=True)
+    camera = np.random.default_rng(0).random((300, 3)).astype(np.float32)
+    frame = FramePoints(camera, camera, np.zeros(300, np.float32), np.ones(300, np.float32))
+    problem = RegistrationProblem(frame, prior, tracker._probe, settings)
+    return tracker.track(problem, after_far, None, np.random.default_rng(0), misfits=1)
+
+
+def test_a_frame_far_from_its_prior_is_a_jump_until_the_next_one_confirms_it() -> None:
+    """Odometry slips by 10 cm, which registration undoes; the frame after it stands where the first one jumped to."""
+    jumped = tracked(prior_at(0.1), None)
+    assert jumped.verdict is Verdict.JUMPS
+    assert abs(jumped.found.T_world_camera[0, 3]) < 0.02
+
+    there = Prior(jumped.found.T_world_camera, jumped.found.covariance + np.eye(3) * 0.01**2, PLANAR)
+    confirmed = tracked(prior_at(0.1), there)
+    assert confirmed.verdict is Verdict.FITS
+    np.testing.assert_array_equal(confirmed.expected.T_world_camera, there.T_world_camera)
+
+
+def test_a_jump_that_the_next_frame_does_not_confirm_is_forgotten() -> None:
+    """The first frame was registered wrongly to x = 0.2; the next one stands where odometry has it."""
+    fits = tracked(prior_at(0.0), prior_at(0.2))
+    assert fits.verdict is Verdict.FITS
+    assert fits.expected.T_world_camera[0, 3] == 0.0
+
+    elsewhere = tracked(prior_at(0.1), prior_at(0.2))
+    assert elsewhere.verdict is Verdict.JUMPS
+    assert elsewhere.expected.T_world_camera[0, 3] == 0.1
