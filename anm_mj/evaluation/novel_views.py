@@ -20,10 +20,12 @@ from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_vie
 from anm_mj.frames import back_project
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.io.read_run import Run, read_run
+from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.types import DEFAULT_FOOTPRINT, OCCUPIED, Observation, OccupancyGrid, Pose2
+from anm_mj.utils.files import atomic_write
 from anm_mj.utils.progress import Progress, unheard
 
 NUM_VIEWS = 8
@@ -47,9 +49,9 @@ def evaluate_novel_views(
 
     Writes ``novel_views.json`` (quality of each view and the means) and ``novel_views.png`` (the first views) into the
     run folder. There are fewer where the scene has not as many. ``seed`` is that of places and directions, ``scene``
-    the present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run, a
-    file in it is damaged, or it explored another scene, SceneError if there is no such scene, and MapError if the map
-    cannot be loaded.
+    the present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run or
+    cannot be written, a file in it is damaged, or it explored another scene, SceneError if there is no such scene, and
+    MapError if the map cannot be loaded.
     """
     record = read_run(path)
     world = explored_scene(record, scene)
@@ -63,7 +65,9 @@ def evaluate_novel_views(
         pictures.append(np.concatenate([view.rgb, rgb, _depth_picture(view.depth_m), _depth_picture(depth_m)], axis=1))
     result = write_views(path / "novel_views.json", rows, seed=seed)
     if pictures:
-        Image.fromarray(np.concatenate(pictures[:SHOWN])).save(path / "novel_views.png")
+        file = path / "novel_views.png"
+        with writing(file), atomic_write(file) as partial:
+            Image.fromarray(np.concatenate(pictures[:SHOWN])).save(partial, "PNG")
     return result
 
 

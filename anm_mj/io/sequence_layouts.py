@@ -48,17 +48,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     file is missing or damaged, or an option is out of range.
     """
     options = options or SequenceOptions()
-    if options.layout is not None and options.layout not in (*LAYOUTS, BAG):
-        raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join((*LAYOUTS, BAG))}.")
-    if options.up is not None and options.up not in (*UP, BY_FLOOR):
-        raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join((*UP, BY_FLOOR))}.")
-    if options.every < 1:
-        raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
-    if not 0.0 <= options.max_bad <= 1.0:
-        raise RunFolderError(f"--max-bad is {options.max_bad:g}; give a share from 0 to 1.")
-    for name, value in (("--match", options.match_s), ("--max-gap", options.max_gap_s)):
-        if not 0.0 < value < LATEST_S:
-            raise RunFolderError(f"{name} is {value:g}; give a time above 0 in seconds.")
+    _check_options(options)
     if options.layout == BAG or (options.layout is None and (is_recording(path) or _holds_bag_alone(path))):
         sequence, found = read_recording(path, options), BAG
     else:
@@ -75,6 +65,30 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
             len(sequence),
             ranges_text(list(sequence.interpolated)),
         )
+    sequence = _with_camera(sequence, options)
+    check_sequence(sequence)
+    return _above_floor(sequence, path, found, options), found
+
+
+def _check_options(options: SequenceOptions) -> None:
+    """Raises RunFolderError for one that is out of range."""
+    if options.layout is not None and options.layout not in (*LAYOUTS, BAG):
+        raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join((*LAYOUTS, BAG))}.")
+    if options.up is not None and options.up not in (*UP, BY_FLOOR):
+        raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join((*UP, BY_FLOOR))}.")
+    if options.every < 1:
+        raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
+    if not 0.0 <= options.max_bad <= 1.0:
+        raise RunFolderError(f"--max-bad is {options.max_bad:g}; give a share from 0 to 1.")
+    for name, value in (("--match", options.match_s), ("--max-gap", options.max_gap_s)):
+        if not 0.0 < value < LATEST_S:
+            raise RunFolderError(f"{name} is {value:g}; give a time above 0 in seconds.")
+    if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
+        raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
+
+
+def _with_camera(sequence: Sequence, options: SequenceOptions) -> Sequence:
+    """With the camera, its distortion and the unit of depth that options give; else as the files have them."""
     if options.distortion != "files":
         sequence = replace(sequence, distortion=options.distortion)
     if options.camera is not None:
@@ -88,10 +102,13 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
     elif sequence.assumes_camera:
         say_assumed_unit(sequence)
-    check_sequence(sequence)
-    if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
-        raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
-    usual = LAYOUTS[found].up if found in LAYOUTS else "z"
+    return sequence
+
+
+def _above_floor(sequence: Sequence, path: Path, found: str, options: SequenceOptions) -> Sequence:
+    """In a world with z up and the floor at 0, and what options leave of its frames; ``found`` is its layout."""
+    layout = LAYOUTS.get(found)
+    usual = "z" if layout is None else layout.up
     levels = options.up == BY_FLOOR
     if levels and sequence.has_poses:
         raise RunFolderError(f"--up is {BY_FLOOR}, but {path} has poses; give an axis of their world.")
@@ -105,11 +122,12 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     turn = levelled(sequence, UP[up]) if levels else UP[up]
     sequence = sequence.moved(rigid_transform(turn.ravel(), np.zeros(3)))
     floor_m = options.floor_m
-    if floor_m is None:
-        ours = sequence.has_poses and found in LAYOUTS and LAYOUTS[found].ours
-        floor_m = 0.0 if ours else find_floor_m(sequence) if sequence.has_poses else floor_below_first_m(sequence)
+    if floor_m is None and sequence.has_poses:
+        floor_m = 0.0 if layout is not None and layout.ours else find_floor_m(sequence)
+    elif floor_m is None:
+        floor_m = floor_below_first_m(sequence)
     check_heights(sequence, floor_m)
-    return sequence.moved(rigid_transform(np.eye(3).ravel(), np.array([0.0, 0.0, -floor_m]))), found
+    return sequence.moved(rigid_transform(np.eye(3).ravel(), np.array([0.0, 0.0, -floor_m])))
 
 
 def _holds_bag_alone(path: Path) -> bool:

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import UInt8
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from anm_mj.io.write import writing
-from anm_mj.viz.figure_file import plain
+from anm_mj.viz.figure_file import PICTURE, plain, write_figure
 
 if TYPE_CHECKING:
     from anm_mj.robot.description import RobotDescription
@@ -30,7 +29,7 @@ def save_robot_sheet(
     """Write the picture. The ``images`` of :func:`anm_mj.sim.robot_views.robot_views` show ``width_m`` from side to
     side and from top to bottom. Raises RunFolderError if the file cannot be written.
     """
-    figure = Figure(figsize=(11.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(11.4, 4.6), dpi=110, layout="constrained")
     half, camera_m = width_m / 2.0, robot.T_base_camera[2, 3]
     radius, top = robot.footprint.radius_m, robot.footprint.z_max_m
     middle = max(top, camera_m) / 2.0
@@ -58,7 +57,7 @@ def save_robot_sheet(
     figure.suptitle(plain(f"{robot.name}: {robot.kind}, {robot.mass_kg:.1f} kg"), fontsize=11)
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     with writing(path):
-        FigureCanvasAgg(figure).print_figure(path, format="png", dpi=110)
+        write_figure(figure, path, PICTURE)
 
 
 def _measure(axes: Axes, begin: tuple[float, float], end: tuple[float, float], text: str) -> None:
