@@ -9,13 +9,15 @@ import numpy as np
 from anm_mj.localisation.frame_to_images import FrameToImages, Measured, measured
 from anm_mj.localisation.key_images import KeyImage
 from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.motion_search import motion_search, rotation_search
 from anm_mj.localisation.registration import Prior
-from anm_mj.localisation.registration_starts import rotation_search
 
 _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
-_LEAST_DOUBT_RAD = 0.1
-"""Standard deviation of a rotation that no odometry measured, at least: a camera may begin to turn."""
+_LEAST_DOUBT = np.array([0.05] * 3 + [0.1] * 3)
+"""Standard deviations [m, rad] of a motion that no odometry measured, at least: a camera may begin to move."""
+_SURE_FIT = 0.9
+"""An image that fits so well leaves no doubt."""
 
 
 class ImageOdometry:
@@ -39,9 +41,10 @@ class ImageOdometry:
             return None
         alone, believed = compared.against(self._last), self._motion(prior, doubtful=doubtful)
         found = self._found(alone, believed)
-        if found is None and not self._has_odometry:
+        if not self._has_odometry and (found is None or found.fit < _SURE_FIT):
             # Perhaps the motion before did not go on.
-            found = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera))
+            still = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera))
+            found = max((each for each in (found, still) if each), key=lambda each: each.fit, default=None)
         if found is None:
             return None
         information = prior.basis.T @ found.information @ prior.basis + np.linalg.inv(believed.covariance)
@@ -56,13 +59,13 @@ class ImageOdometry:
         assert prior.motion_covariance is not None
         covariance = (_DOUBT**2 if doubtful or not self._has_odometry else 1.0) * prior.motion_covariance
         if not self._has_odometry:
-            turns = np.diag(np.any(prior.basis[3:] != 0.0, axis=0).astype(float))
-            covariance = covariance + _LEAST_DOUBT_RAD**2 * turns
+            covariance = covariance + prior.basis.T @ np.diag(_LEAST_DOUBT**2) @ prior.basis
         return replace(prior, covariance=covariance, headings=None)
 
     def _found(self, alone: FrameToImages, motion: Prior) -> Measured | None:
         """Where the last image puts a frame; None where it shows too little of it, or does not fit."""
         graph = self._config.graph
-        start = rotation_search(motion, alone, self._config.registration)
+        search = rotation_search if self._has_odometry else motion_search
+        start = search(motion, alone, self._config.registration)
         found = measured(alone, start, motion.covariance, motion.basis, graph)
         return found if found.overlap >= graph.least_overlap and found.fit >= graph.least_fit else None

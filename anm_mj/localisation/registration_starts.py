@@ -1,5 +1,5 @@
-"""Where a registration begins that may end in a false minimum: a rotation or a displacement is searched for, or several
-starts are tried.
+"""Where a registration begins that may end in a false minimum: a displacement is searched for, or several starts are
+tried.
 """
 
 import math
@@ -10,19 +10,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.localisation.frame_to_images import FrameToImages
-from anm_mj.localisation.key_images import Sums
 from anm_mj.localisation.localisation_config import RegistrationConfig
+from anm_mj.localisation.motion_search import MOST_STEPS, mean_cost, rotation_search
 from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
 _SAME_M, _SAME_RAD = 0.01, 0.01
 """Searches that end so near to each other have found the same place."""
-_MOST_STEPS = 40
-"""Places on either side that a motion is looked for at, at most."""
-_MOST_TURN_RAD = 0.03
-"""Rotations are tried at most so far apart [rad]."""
 
 
 def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.random.Generator) -> Registration:
@@ -35,58 +30,6 @@ def registered(problem: RegistrationProblem, costs: Sequence[float], rng: np.ran
     if may_be_wrong(problem.prior, found, costs, config):
         found = register_from_several(problem, rng, found)
     return found
-
-
-def rotation_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
-    """Where earlier images put a camera whose rotation is vague, of several rotations about the prior.
-
-    A picture's basin is a few pixels; a turn may be measured wrong by more. Each direction of rotation is searched in
-    turn, with the displacement that goes with it.
-    """
-    few = extra.subsample(config.retry_points)
-    information = np.linalg.inv(prior.covariance)
-    headings = prior.headings
-
-    def looks(offset: Float[np.ndarray, " k"]) -> tuple[float, float]:
-        """Cost of an offset, and the points that take part."""
-        T = moved_camera(prior.T_world_camera, prior.basis @ offset)
-        sums = few(T, config.first_kernel, True)
-        # Off the right place depth says more about the displacement than about the rotation, and leads astray.
-        walls = 0.0 if headings is None else headings.sums(T).cost
-        cost = config.information * len(extra) * _mean_cost(extra, sums) + float(offset @ information @ offset) + walls
-        return cost, sums.num_points
-
-    def best_turn(begin: Float[np.ndarray, " k"], axis: int) -> tuple[float, Float[np.ndarray, " k"]]:
-        """The cheapest of several turns about an axis, from an offset on: its cost, and the offset then."""
-        deviation = float(np.sqrt(prior.covariance[axis, axis]))
-        # Pictures that are farther apart have nothing to follow.
-        steps = min(max(6, math.ceil(3.0 * deviation / _MOST_TURN_RAD)), _MOST_STEPS)
-        turns = np.linspace(-3.0, 3.0, 2 * steps + 1) * deviation
-        if headings is not None:
-            # Headings are sharper than the spacing.
-            turns = np.concatenate((turns, headings.turns_rad))
-        offsets = begin + turns[:, None] * prior.covariance[axis] / deviation**2
-        costs, counts = np.array([looks(offset) for offset in offsets]).T
-        # A turn costs overlap, which says nothing against it; but few points may fit anywhere.
-        costs[counts < 0.5 * counts.max()] = np.inf
-        index = int(np.argmin(costs))
-        return float(costs[index]), offsets[index]
-
-    best = np.zeros(len(prior.covariance))
-    vague = np.sqrt(np.diag(prior.covariance)) >= config.search_least_rad
-    axes = np.flatnonzero(np.any(prior.basis[3:] != 0.0, axis=0) & vague).tolist()
-    while axes:
-        # The axis that explains most goes first: far off it, turns about the others fit something else.
-        found = [best_turn(best, axis) for axis in axes]
-        chosen = min(range(len(axes)), key=lambda index: found[index][0])
-        best = found[chosen][1]
-        del axes[chosen]
-    return moved_camera(prior.T_world_camera, prior.basis @ best)
-
-
-def _mean_cost(extra: FrameToImages, sums: Sums) -> float:
-    """Of a point, by its grey value where there is one."""
-    return sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
 
 
 def displacement_search(
@@ -114,14 +57,14 @@ def displacement_search(
         return None
     information = np.linalg.inv(prior.covariance)
     begin = prior.basis.T @ camera_motion(prior.T_world_camera, T_world_camera)
-    count = min(math.ceil(6.0 * deviation / least), _MOST_STEPS)
+    count = min(math.ceil(6.0 * deviation / least), MOST_STEPS)
     steps = np.linspace(-3.0 * deviation, 3.0 * deviation, 2 * count + 1).tolist()
     places = [moved_camera(T_world_camera, prior.basis @ (step * direction)) for step in steps]
     tried = [few(place, config.kernel, False) for place in places]
     offsets = [begin + step * direction for step in steps]
     away = [float(offset @ information @ offset) for offset in offsets]
     scale = config.information * len(extra)
-    costs = [scale * _mean_cost(extra, sums) + far for sums, far in zip(tried, away, strict=True)]
+    costs = [scale * mean_cost(extra, sums) + far for sums, far in zip(tried, away, strict=True)]
     # What slides out of view costs nothing, and says nothing.
     counts = np.array([sums.num_points for sums in tried])
     seen = counts >= max(1.0, 0.5 * counts.max())

@@ -60,15 +60,17 @@ def test_without_doubt_a_usual_error_of_odometry_is_taken_away(room: Room) -> No
     assert abs(camera_motion(after.T_world_camera, found.T_world_camera)[5]) < math.radians(0.2)
 
 
-@pytest.mark.parametrize("moved_before", [(0.0, 0.0), (0.0, TURN), (0.065, 0.0), (0.065, -TURN)])
-@pytest.mark.parametrize("moved", [(0.0, TURN), (0.065, 0.0)])
+@pytest.mark.parametrize("moved_before", [(0.0, 0.0), (0.0, TURN), (0.065, 0.0), (0.065, -TURN), (0.0, 2.0 * TURN)])
+@pytest.mark.parametrize("moved", [(0.0, TURN), (0.065, 0.0), (0.0, 2.8 * TURN), (0.13, 0.0), (0.18, 0.0)])
+@pytest.mark.parametrize("yaw_rad", [0.3, 0.8])
 def test_without_odometry_it_finds_motions_that_do_not_go_on_as_before(
-    room: Room, moved_before: tuple[float, float], moved: tuple[float, float]
+    room: Room, moved_before: tuple[float, float], moved: tuple[float, float], yaw_rad: float
 ) -> None:
     x, yaw = moved_before
-    earlier = room.observe(1.5 - x * math.cos(0.3), 1.5 - x * math.sin(0.3), 0.3 - yaw, size=96)
-    before = room.observe(1.5, 1.5, 0.3, size=96)
-    after = room.observe(1.5 + moved[0] * math.cos(0.3), 1.5 + moved[0] * math.sin(0.3), 0.3 + moved[1], size=96)
+    ahead = np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
+    earlier = room.observe(*(1.5 - x * ahead), yaw_rad - yaw, size=96)
+    before = room.observe(1.5, 1.5, yaw_rad, size=96)
+    after = room.observe(*(1.5 + moved[0] * ahead), yaw_rad + moved[1], size=96)
     model = MotionModel(CONFIG.motion, FREE, has_odometry=False)
     model.move(np.linalg.inv(earlier.T_world_camera) @ before.T_world_camera, before.T_world_camera)
     prior = model.prior(before.T_world_camera, np.eye(6) * 1e-6, before.T_world_camera)

@@ -10,8 +10,8 @@ from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
 from anm_mj.localisation.key_images import KeyImages, gray_values, key_image, smoothed_depth
 from anm_mj.localisation.localisation_config import KeyImageConfig, RegistrationConfig
+from anm_mj.localisation.motion_search import rotation_search
 from anm_mj.localisation.registration import PLANAR, Prior
-from anm_mj.localisation.registration_starts import rotation_search
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
