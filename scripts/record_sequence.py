@@ -4,12 +4,14 @@ python scripts/record_sequence.py home /tmp/walk --steps 200
 anm-mj map /tmp/walk --shadow
 """
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from anm_mj.config import make_config
+from anm_mj.errors import AnmError
 from anm_mj.events import Observed
 from anm_mj.explore import explore
 from anm_mj.io.own_sequence import SequenceWriter
@@ -70,4 +72,8 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    try:
+        tyro.cli(main)
+    except AnmError as err:
+        print(f"record_sequence.py: {err}", file=sys.stderr)
+        sys.exit(2)

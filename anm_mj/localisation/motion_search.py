@@ -16,6 +16,8 @@ MOST_STEPS = 40
 """Places on either side that a motion is looked for at, at most."""
 _MOST_STEP = 0.03
 """Places are tried at most so far apart [m, rad]."""
+_UNSEEN_COST = 20.0
+"""Of a point that the last image does not show, in squared standard deviations; the worst of the others cost 400."""
 _LEAST_DEVIATION = 1e-6
 """A direction that is known better than this does not exist for the camera [m, rad]."""
 
@@ -35,21 +37,22 @@ def rotation_search(prior: Prior, extra: FrameToImages, config: RegistrationConf
 def motion_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
     """Where the last image puts a camera whose motion nobody measured: along and about each of its axes.
 
-    Far from the right place a few points that are left in view may have fitting grey values, but not depths as well.
+    Far from the right place a few points that are left in view may have fitting grey values, but not depths as well;
+    and what slides out of view is no gain.
     """
+    num = len(extra.subsample(config.retry_points))
     directions = np.kron(np.eye(2), prior.T_world_camera[:3, :3].T) @ prior.basis
     exists = np.sqrt(np.diag(directions @ prior.covariance @ directions.T)) >= _LEAST_DEVIATION
-    return _search(prior, extra, config, directions[exists], _mean_of_all)
+
+    def mean(sums: Sums) -> float:
+        return (sums.cost + _UNSEEN_COST * (num - sums.num_points)) / num
+
+    return _search(prior, extra, config, directions[exists], mean)
 
 
 def mean_cost(extra: FrameToImages, sums: Sums) -> float:
     """Of a point, by its grey value where there is one."""
-    return sums.mean_gray_cost if extra.has_gray else _mean_of_all(sums)
-
-
-def _mean_of_all(sums: Sums) -> float:
-    """Cost of a point, by its depth and grey value."""
-    return sums.cost / max(sums.num_points, 1.0)
+    return sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
 
 
 def _search(
