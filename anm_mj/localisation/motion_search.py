@@ -31,7 +31,7 @@ def rotation_search(prior: Prior, extra: FrameToImages, config: RegistrationConf
     vague = np.sqrt(np.diag(prior.covariance)) >= config.search_least_rad
     directions = np.eye(len(vague))[np.any(prior.basis[3:] != 0.0, axis=0) & vague]
     # Off the right place depth says more about the displacement than about the rotation, and leads astray.
-    return _search(prior, extra, config, directions, lambda sums: mean_cost(extra, sums))
+    return _search(prior, extra, config, directions, lambda sums, _: mean_cost(extra, sums))
 
 
 def motion_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig) -> Float[np.ndarray, "4 4"]:
@@ -40,14 +40,9 @@ def motion_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig
     Far from the right place a few points that are left in view may have fitting grey values, but not depths as well;
     and what slides out of view is no gain.
     """
-    num = len(extra.subsample(config.retry_points))
     directions = np.kron(np.eye(2), prior.T_world_camera[:3, :3].T) @ prior.basis
     exists = np.sqrt(np.diag(directions @ prior.covariance @ directions.T)) >= _LEAST_DEVIATION
-
-    def mean(sums: Sums) -> float:
-        return (sums.cost + _UNSEEN_COST * (num - sums.num_points)) / num
-
-    return _search(prior, extra, config, directions[exists], mean)
+    return _search(prior, extra, config, directions[exists], _mean_of_all)
 
 
 def mean_cost(extra: FrameToImages, sums: Sums) -> float:
@@ -55,15 +50,20 @@ def mean_cost(extra: FrameToImages, sums: Sums) -> float:
     return sums.mean_gray_cost if extra.has_gray else sums.cost / max(sums.num_points, 1.0)
 
 
+def _mean_of_all(sums: Sums, num_points: int) -> float:
+    """Cost of a point, by depth and grey value, of all that are looked for."""
+    return (sums.cost + _UNSEEN_COST * (num_points - sums.num_points)) / num_points
+
+
 def _search(
     prior: Prior,
     extra: FrameToImages,
     config: RegistrationConfig,
     directions: Float[np.ndarray, "n k"],
-    mean: Callable[[Sums], float],
+    mean: Callable[[Sums, int], float],
 ) -> Float[np.ndarray, "4 4"]:
     """The cheapest place that is reached from the prior along one direction after the other; ``mean`` is the cost of a
-    point.
+    point, by sums over those that take part, and how many there are in all.
     """
     few = extra.subsample(config.retry_points)
     information = np.linalg.inv(prior.covariance)
@@ -74,7 +74,7 @@ def _search(
         T = moved_camera(prior.T_world_camera, prior.basis @ offset)
         sums = few(T, config.first_kernel, True)
         walls = 0.0 if headings is None else headings.sums(T).cost
-        cost = config.information * len(extra) * mean(sums) + float(offset @ information @ offset) + walls
+        cost = config.information * len(extra) * mean(sums, len(few)) + float(offset @ information @ offset) + walls
         return cost, sums.num_points
 
     def best_step(begin: Float[np.ndarray, " k"], along: Float[np.ndarray, " k"]) -> tuple[float, np.ndarray]:
@@ -89,7 +89,7 @@ def _search(
             steps = np.concatenate((steps, headings.turns_rad))
         offsets = begin + steps[:, None] * spread / deviation**2
         costs, counts = np.array([looks(offset) for offset in offsets]).T
-        # A turn costs overlap, which says nothing against it; but few points may fit anywhere.
+        # That a turn costs overlap says little against it; but few points may fit anywhere.
         costs[counts < 0.5 * counts.max()] = np.inf
         index = int(np.argmin(costs))
         return float(costs[index]), offsets[index]
