@@ -1,8 +1,9 @@
 """Suites: comparisons that come with the package, so that everybody can repeat them; and the scenes that a comparison
 says how to make.
 
-``tune`` is for choosing settings. ``test`` is for judging them: other seeds, never used for a choice. ``large`` holds
-buildings of 40 to 60 rooms. In ``people``, people walk about. ``real`` has the buildings of ``test`` in the real world.
+``tune`` is for choosing settings. ``test`` is for judging them: other seeds, never used for a choice. ``variants`` has
+policies with other maps, sensors and poses, or without parts of them, in the buildings of ``test``, and ``real`` has
+these buildings in the real world. ``large`` holds buildings of 40 to 60 rooms. In ``people``, people walk about.
 ``smoke`` takes minutes. All these are on generated scenes, given by seed and hash; ``open`` is on scenes of others. An
 entry of these names the public repository, the commit and the file, the command that imports it, and the hash of the
 scene that comes out, so that everybody can have the same scene although this program passes on nothing of it.

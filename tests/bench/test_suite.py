@@ -1,3 +1,4 @@
+import itertools
 import re
 import shlex
 import subprocess
@@ -29,9 +30,9 @@ def read_suite(name):
 
 
 def test_every_suite_has_scenes_with_hashes():
-    assert set(suite_names()) == {"smoke", "tune", "test", "real", "large", "open", "people"}
+    assert set(suite_names()) == {"smoke", "tune", "test", "variants", "real", "large", "open", "people"}
     seeds = []
-    for name in set(suite_names()) - {"open", "real"}:
+    for name in set(suite_names()) - {"open", "real", "variants"}:
         sweeps, generated = read_suite(name)
         used = {scene for sweep in sweeps for scene in sweep.scenes}
         assert used == set(generated)
@@ -118,6 +119,22 @@ def test_an_entry_of_a_scene_of_others_is_checked(tmp_path):
     file.write_text('scenes = ["x"]\npolicies = ["random"]\n[[imported]]\nname = "x"\nrepository = "ftp://x"\n')
     with pytest.raises(BenchError, match="repository, commit"):
         read_jobs(file)
+
+
+def test_variants_stand_beside_the_policies_as_they_come():
+    sweeps, generated = read_suite("variants")
+    assert generated == read_suite("test")[1]
+    assert {sweep.budget for sweep in sweeps} == {"area"}
+
+    def runs(varied):
+        usual = ("default", ("exact",), ("true",), ())
+        chosen = [one for one in sweeps if ((one.preset, one.sensor, one.pose, one.settings) != usual) == varied]
+        each = [(one.policies, one.scenes, range(one.starts)) for one in chosen]
+        return {run for axes in each for run in itertools.product(*axes)}
+
+    # A map that only anm has is compared with the other policies.
+    assert {policy for policy, _, _ in runs(varied=True)} == {"anm", "anm-s", "frontier", "gvg"}
+    assert {run for run in runs(varied=True) if run[0] != "anm"} <= runs(varied=False)
 
 
 @pytest.mark.slow
