@@ -2,9 +2,9 @@
 
     python scripts/publish_benchmark.py bench/test
 
-writes docs/benchmarks/test.md and, in docs/benchmarks/test/, results.csv as it is and the pictures with few colours so
-that they stay small. Of several scenes the page shows pictures, not tables, which results.csv holds. Of a page that is
-there only what stands between its marks is replaced.
+writes docs/benchmarks/test.md and, in docs/benchmarks/test/, results.csv as it is, the runs of each start without their
+maps, and the pictures with few colours so that they stay small. Of several scenes the page shows pictures, not tables,
+which results.csv holds. Of a page that is there only what stands between its marks is replaced.
 """
 
 import re
@@ -14,6 +14,7 @@ from typing import Annotated
 
 import tyro
 
+from anm_mj.bench.packed_runs import pack_runs
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 from anm_mj.utils.files import file_name, write_text
@@ -62,6 +63,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
         lines = _with_pictures(without_scene_tables(table.splitlines()), comparison, pages / name)
         write_text(pages / name / "results.csv", rows)
         link = f"A row for every run and budget, scene by scene: [results.csv]({name}/results.csv)."
+        link += f"\n{_packed(comparison, pages / name)}"
         write_text(page, f"{before}{BEGIN}\n{link}\n\n" + "\n".join(lines) + f"\n{END}{after}")
     except (OSError, ValueError) as err:
         raise AnmError(f"The results cannot be published ({err}); make them again, or give other --pages.") from err
@@ -77,6 +79,19 @@ def without_scene_tables(lines: Sequence[str]) -> list[str]:
         if not is_cut and not (line == "" and kept[-1:] == [""]):
             kept.append(line)
     return kept
+
+
+def _packed(comparison: Path, folder: Path) -> str:
+    """Pack the runs, whose files replace those of the last time, and return the links to them.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    packed = pack_runs(comparison, folder)
+    for old in set(folder.glob("start*.tar.xz")) - set(packed):
+        old.unlink()
+    links = [f"[{file.name}]({folder.name}/{file.name})" for file in packed]
+    return f"Runs to compare with: {', '.join(links)}."
 
 
 def _with_pictures(lines: Sequence[str], comparison: Path, pictures: Path) -> list[str]:
