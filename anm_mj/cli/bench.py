@@ -29,8 +29,8 @@ def bench(
 
     Args:
         file: a TOML file with scenes, policies, starts and seeds
-        suite: a comparison of the package: smoke (minutes), tune, test (hours), real (with all errors), large, people,
-            open (scenes of others)
+        suite: a comparison of the package: smoke (minutes), tune, test (hours), variants (of policies), real (with all
+            errors), large, people, open (scenes of others)
         policy: compare this policy too, as module:Class your own; may be given several times
         out: folder; by default bench/<name of FILE or suite>
         workers: runs in parallel
