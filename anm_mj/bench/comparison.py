@@ -31,8 +31,9 @@ from anm_mj.utils.package_data import checkout
 from anm_mj.utils.read_file import read_text
 from anm_mj.viz.figure_file import KINDS, PICTURE
 
-TABLES_EVERY_S = 60.0
-"""Period of writing tables while runs are made [s]."""
+TABLES_EVERY_S, TABLES_SHARE = 60.0, 0.02
+"""While runs are made, tables are written this often [s], or less often if that would take more than this share of the
+time."""
 LOCK = ".lock"
 """Lock file in the comparison's folder; its writer holds the lock."""
 
@@ -100,7 +101,7 @@ def run_bench(
         _prepare(jobs, file, out, text)
         missing = [job for job in jobs if job not in there]
         failures = []
-        done, written_s = len(there), time.monotonic()
+        done, write_next_s = len(there), time.monotonic() + TABLES_EVERY_S
         on_run(done, len(jobs), "")
         for now in _stages(missing):
             workers = min(num_workers, len(now))
@@ -108,9 +109,10 @@ def run_bench(
                 done += error is None
                 if error is not None:
                     failures.append(error)
-                elif time.monotonic() - written_s > TABLES_EVERY_S:
+                elif (begin_s := time.monotonic()) > write_next_s:
                     write_tables(jobs, out, text, (PICTURE,))
-                    written_s = time.monotonic()
+                    end_s = time.monotonic()
+                    write_next_s = end_s + max(TABLES_EVERY_S, (end_s - begin_s) / TABLES_SHARE)
                 on_run(done, len(jobs), error or job.name)
         write_tables(jobs, out, text)
     return Comparison(out, jobs, len(there), failures)

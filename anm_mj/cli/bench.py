@@ -25,13 +25,13 @@ def bench(
 ) -> Report:
     """Compare policies over scenes, starts and seeds, and write tables.
 
-    The same command resumes an interrupted comparison.
+    The same command resumes an interrupted comparison. The exit status is 1 if runs failed.
 
     Args:
         file: a TOML file with scenes, policies, starts and seeds
         suite: a comparison of the package: smoke (minutes), tune, test (hours), variants (of policies), real (with all
             errors), large, people, open (scenes of others)
-        policy: compare this policy too, as module:Class your own; may be given several times
+        policy: compare this policy too, by its name, or your own as module:Class; may be given several times
         out: folder; by default bench/<name of FILE or suite>
         workers: runs in parallel
         executor: local (processes) or ray (a cluster)

@@ -34,6 +34,12 @@ def policy_names() -> Iterator[str]:
     yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
 
 
+def blind_policy_names() -> Iterator[str]:
+    """Those of the policies that need no true scene."""
+    known = policies()
+    yield from (text for text in policy_names() if not known[text.partition(" (")[0]].needs_truth)
+
+
 def run_fields(*fields: str, **names: Callable[[], Iterable[str]]) -> Fields:
     """Fields of ``RunConfig`` as options, all where none is given; ``names`` gives what the help of a field lists."""
 

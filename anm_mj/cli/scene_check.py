@@ -20,7 +20,7 @@ _MAX_ONE_SIDED = 0.001
 
 
 def scene_check(scene: str, *, out: NewFile | None = None) -> Report:
-    """Check whether the robot can use a scene, and draw a contact sheet.
+    """Check whether the robot can use a scene, and draw a contact sheet. The exit status is 1 if it cannot.
 
     Args:
         scene: name from the catalogue or a scene folder

@@ -135,6 +135,7 @@ class Metrics(RunSummary):
     """This and the next one: the mesh metrics after the alignment of the trajectory; None with true poses."""
     aligned_observed_f_score: float | None = None
     steps: int
+    """Number of steps."""
     path_m: float
     """Driven distance [m]."""
     forwards: int

@@ -45,23 +45,24 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     """A frame that costs more than this many times what frames cost of late may be in a wrong place: it is registered
     from several starts."""
     retry_vague_cost: float = setting(1.25, at_least=1.0)
-    """As is one that costs more than this many times, from a prior with a larger standard deviation than"""
+    """As is one that costs more than this many times, from a vague prior: a nearer start finds the surface."""
     retry_least_m: float = 0.025
-    """this in position [m],"""
+    """A prior is vague with a larger standard deviation in position [m]"""
     retry_least_rad: float = 0.025
-    """or this in rotation [rad]: a nearer start finds the surface."""
+    """or with a larger one in rotation [rad]."""
     retry_prior: float = setting(4.0, at_least=0.0)
     """As is one with a larger squared deviation from its prior, in variances per direction of motion."""
     retry_starts: int = setting(12, at_least=0, at_most=1000)
-    """So many starts beside the first, at most,"""
+    """Most starts beside the first."""
     retry_deviations: float = setting(1.5, at_least=0.0)
-    """drawn with so many standard deviations of the prior, or with the two above, if they are larger,"""
+    """They are drawn with so many standard deviations of the prior, or with ``retry_least_m`` and ``retry_least_rad``
+    where these are larger."""
     retry_points: int = setting(300, at_least=50)
-    """and tried with so many pixels,"""
+    """Pixels that a start is tried with."""
     retry_agreeing: int = setting(3, at_least=1, at_most=1000)
-    """until so many of them have ended where it costs least so far."""
+    """No further start is tried once so many have ended where it costs least so far."""
     retry_gain: float = setting(0.9, at_least=0.0, at_most=1.0)
-    """One that costs less than this share is taken."""
+    """The best start replaces the first if it costs less than this share."""
     most_prior: float = setting(9.0, at_least=0.0)
     """A pose with a larger squared deviation from its prior, in variances per direction of motion, is not believed of
     one frame."""
