@@ -39,7 +39,8 @@ _MOST_TILTS = 8
 _SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
 """Tilts that are nearer to each other are one."""
 _REASONS = {
-    True: "looked for in the whole map: no place fits well, or several do, or the image measures too little",
+    True: "looked for in the whole map: no place fits well, or several do, the image measures too little, or too few "
+    "images follow",
     False: "tracked from the images before: the map does not show this there, or does not tell the pose well enough",
 }
 """Why an image was not found, by whether it was looked for in the whole map."""
@@ -110,8 +111,10 @@ def localise_images(
         )
 
     settings = config.localisation
-    if single:
-        settings = replace(settings, relocalisation=replace(settings.relocalisation, frames=1))
+    # No more images will confirm a place than there are.
+    most = 1 if single else max(1, len(images))
+    finding = replace(settings.relocalisation, frames=min(settings.relocalisation.frames, most))
+    settings = replace(settings, relocalisation=finding)
     tracker = localiser(settings)
     poses: list[ImagePose] = []
     # Tracked backwards, by step.
@@ -149,7 +152,7 @@ def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | No
     warn_of_assumed_times([pose.time_s for pose in poses], reference)
     records = []
     for pose in poses:
-        true = reference.at(pose.time_s)
+        true = reference.measured_at(pose.time_s)
         if pose.T_world_camera is not None and true is not None:
             places = base_pose(pose.T_world_camera), pose.T_world_camera, base_pose(true), true
             records.append(FrameRecord(pose.step, pose.time_s, *places))

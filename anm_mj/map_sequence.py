@@ -222,7 +222,8 @@ class _Mapping:
             for file in self._cameras:
                 file.line(camera_line(observation.time_s, observation.T_world_camera))
             if self._policy is not None:
-                self._policy.observe(observation)
+                if record.is_mapped:
+                    self._policy.observe(observation)
                 plan = self._policy.plan(self._map, observation)
                 self._log.plan(observation.step, plan)
                 interrupted = tell(Decided(observation.step, plan))

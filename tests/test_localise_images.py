@@ -70,6 +70,14 @@ def test_single_images_are_found_one_by_one(mapped, tmp_path):
     assert out["found"] == sum(T is not None for T in found) >= 1
 
 
+def test_two_images_are_enough(mapped, tmp_path):
+    images = write(tmp_path / "two", [(1.2, 1.3, 2.0 - 0.5 * STEP * k) for k in range(2)])
+    out = localised(mapped, images, tmp_path / "out", "--reference", str(images / "poses.tum"))
+    assert out["found"] >= 1
+    found, true = np.loadtxt(tmp_path / "out" / "poses.tum", ndmin=2), np.loadtxt(images / "poses.tum")
+    np.testing.assert_allclose(found[-1, 1:4], true[-1, 1:4], atol=0.06)
+
+
 def test_what_the_map_does_not_show_is_not_found(mapped, tmp_path, capsys):
     writer = SequenceWriter(tmp_path / "elsewhere")
     for step in range(6):

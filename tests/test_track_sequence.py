@@ -8,7 +8,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from anm_mj import map_sequence
 from anm_mj.cli.main import main
+from anm_mj.cli.map import is_of_sequence
 from anm_mj.frames import pixel_directions
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.sequence_check.correction import axes_matrix
@@ -151,14 +153,34 @@ def test_a_reference_of_the_sequence_itself_is_no_prior(tmp_path, capsys):
     assert "ATE RMSE, aligned" in words
 
 
+def test_a_reference_belongs_to_a_sequence_that_is_given_as_a_file(tmp_path):
+    (tmp_path / "walk").mkdir()
+    for file in ("transforms.json", "poses.tum"):
+        (tmp_path / "walk" / file).touch()
+    assert is_of_sequence(tmp_path / "walk" / "poses.tum", tmp_path / "walk" / "transforms.json")
+    assert is_of_sequence(tmp_path / "walk" / "poses.tum", tmp_path / "walk")
+    assert not is_of_sequence(tmp_path / "poses.tum", tmp_path / "walk" / "transforms.json")
+
+
 @pytest.mark.slow
-def test_a_gap_is_lost_named_and_not_mapped(tmp_path, capsys):
+def test_a_gap_is_lost_named_and_not_mapped(tmp_path, capsys, monkeypatch):
     folder = write(tmp_path / "walk", gap=GAP)
     out = tmp_path / "out"
-    metrics = track(folder, out, "--floor", "-1.25")
+    make, heard = map_sequence._shadow_policy, []
+
+    def listening(*arguments):
+        policy = make(*arguments)
+        observe = policy.observe
+        monkeypatch.setattr(policy, "observe", lambda seen: (heard.append(seen.step), observe(seen))[1], raising=False)
+        return policy
+
+    monkeypatch.setattr(map_sequence, "_shadow_policy", listening)
+    metrics = track(folder, out, "--floor", "-1.25", "--shadow")
     frames = read_jsonl(out / "frames.jsonl")
     usable = [frame["localisation"]["usable"] for frame in frames]
     assert not any(usable[step] for step in GAP)
+    # What is not in the map was not seen.
+    assert heard == [step for step in range(FRAMES) if usable[step]]
     lost = [frame["step"] for frame in frames if frame["localisation"]["state"] == "LOST"]
     assert lost
     assert lost[0] in GAP

@@ -136,7 +136,7 @@ def map_recorded(
     wanted = replace(wanted, match_s=match, max_gap_s=max_gap, max_bad=max_bad, distortion=lens_distortion(distortion))
     if track:
         config = replace(config, pose="slam")
-        judged = reference is not None and reference.resolve().is_relative_to(sequence.resolve())
+        judged = reference is not None and is_of_sequence(reference, sequence)
         wanted = replace(wanted, needs_poses=False, ignores_poses=judged)
     given = Correction(
         poses,
@@ -187,6 +187,12 @@ def map_recorded(
             "and the camera."
         )
     return Report({"folder": folder.path, **metrics})
+
+
+def is_of_sequence(reference: Path, sequence: Path) -> bool:
+    """Whether a reference lies in the folder of a sequence, which may be given as a file in it."""
+    folder = sequence if sequence.is_dir() else sequence.parent
+    return reference.resolve().is_relative_to(folder.resolve())
 
 
 def topics_by_role(topics: Sequence[str]) -> dict[str, str]:

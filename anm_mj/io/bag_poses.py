@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.frames import rigid_transform
 from anm_mj.io.camera_checks import FARTHEST_M
-from anm_mj.io.sequence_poses import tum_matrix
+from anm_mj.io.sequence_poses import MATCH_S, tum_matrix
 
 GAP_S = 0.5
 """Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s], unless
@@ -71,6 +71,11 @@ class Track:
         share = float(np.clip((time_s - times[low]) / span, 0.0, 1.0)) if span > 0.0 else 0.0
         turned = rotations[0] * Rotation.from_rotvec(share * (rotations[0].inv() * rotations[1]).as_rotvec())
         return rigid_transform(turned.as_matrix().ravel(), before[:3] + share * (behind[:3] - before[:3]))
+
+    def measured_at(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
+        """:meth:`at`, but hardly before the first pose or after the last: one that is held there is no measurement."""
+        first, last = self.span_s if self.times_s else (math.inf, -math.inf)
+        return self.at(time_s) if first - MATCH_S <= time_s <= last + MATCH_S else None
 
     @property
     def span_s(self) -> tuple[float, float]:

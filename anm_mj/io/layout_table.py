@@ -11,21 +11,24 @@ from anm_mj.io.own_sequence import read_sequence
 from anm_mj.io.phone_sequence import read_polycam, read_record3d, read_stray
 from anm_mj.io.read_run import read_run
 from anm_mj.io.replica_sequence import read_replica
-from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.io.sequence import Frame, LeftOut, Sequence
 from anm_mj.io.timed_sequence import read_arkitscenes, read_icl
 from anm_mj.io.tum_sequence import read_tum
 
 
-def _run(folder: Path) -> Sequence:
+def _run(folder: Path, *, ignores_poses: bool) -> Sequence:
     run = read_run(folder)
-    kept = [frame for frame in run.frames if run.folder.image(frame.step).is_file()]
-    if not kept:
+    with_images = [frame for frame in run.frames if run.folder.image(frame.step).is_file()]
+    if not with_images:
         raise RunFolderError(f"{folder} keeps no colour images, so it cannot be mapped again.")
+    # The pose of a robot that was lost may even be of another world.
+    kept = [frame for frame in with_images if ignores_poses or (frame.is_mapped and not frame.is_lost)]
+    lost = LeftOut(len(with_images) - len(kept), len(with_images), "the robot did not know their pose", bad=0)
     frames = tuple(
         Frame(frame.time_s, run.folder.image(frame.step), run.folder.depth(frame.step), frame.T_world_camera)
         for frame in kept
     )
-    return Sequence(folder, run.intrinsics, 0.001, frames, resize=True, keeps_corner_pixels=True)
+    return Sequence(folder, run.intrinsics, 0.001, frames, resize=True, keeps_corner_pixels=True, left_out=(lost,))
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Layout:
     sign: str
     """A file that only this layout has; alternatives between bars, asterisks for any letters."""
     read: Callable[..., Sequence]
-    """From its folder, and ``times`` by name."""
+    """From its folder, and ``options`` by name."""
     unposed: str | None = None
     """A file that it has even without poses; None = it always has them."""
     ours: bool = False
@@ -44,9 +47,9 @@ class Layout:
     """Axis of its world that points up."""
     needs: tuple[str, ...] = ()
     """What else has to be there; alternatives between bars."""
-    times: tuple[str, ...] = ()
-    """Fields of :class:`~anm_mj.io.sequence.SequenceOptions` that say how images and poses of different times
-    belong together, where its have such."""
+    options: tuple[str, ...] = ()
+    """Fields of :class:`~anm_mj.io.sequence.SequenceOptions` that decide which of its frames are read: how images and
+    poses of different times belong together, and whether poses are needed."""
 
     @property
     def unposed_sign(self) -> str:
@@ -60,14 +63,14 @@ def is_there(folder: Path, names: str) -> bool:
 
 
 LAYOUTS = {
-    "run": Layout("frames.jsonl", _run, ours=True),
-    "anm-mj": Layout("poses.tum", read_sequence, "camera.json", ours=True, times=("needs_poses",)),
+    "run": Layout("frames.jsonl", _run, ours=True, options=("ignores_poses",)),
+    "anm-mj": Layout("poses.tum", read_sequence, "camera.json", ours=True, options=("needs_poses", "ignores_poses")),
     "tum": Layout(
         "groundtruth.txt",
         read_tum,
         "depth.txt",
         needs=("rgb.txt", "depth.txt"),
-        times=("needs_poses", "match_s", "max_gap_s"),
+        options=("needs_poses", "match_s", "max_gap_s"),
     ),
     "nerfstudio": Layout("transforms.json", read_nerfstudio),
     "replica": Layout("traj.txt", read_replica),
@@ -85,8 +88,14 @@ LAYOUTS = {
         "lowres_wide.traj",
         read_arkitscenes,
         needs=("lowres_wide", "lowres_depth", "lowres_wide_intrinsics"),
-        times=("match_s", "max_gap_s"),
+        options=("match_s", "max_gap_s", "ignores_poses"),
     ),
-    "icl": Layout("*.gt.freiburg", read_icl, up="y", needs=("associations.txt", "rgb", "depth"), times=("max_gap_s",)),
+    "icl": Layout(
+        "*.gt.freiburg",
+        read_icl,
+        up="y",
+        needs=("associations.txt", "rgb", "depth"),
+        options=("max_gap_s", "ignores_poses"),
+    ),
     "open3d": Layout("trajectory.log|scene/trajectory.log", read_open3d, up="-y", needs=("color|image|rgb", "depth")),
 }

@@ -20,7 +20,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.run_folder import empty_folder
 from anm_mj.io.run_shapes import IntrinsicsShape
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count
-from anm_mj.io.sequence_poses import camera_line, tum_matrix
+from anm_mj.io.sequence_poses import bridged, camera_line, tum_matrix
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation
@@ -30,44 +30,67 @@ _DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
 
 
-def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:
-    """Open a sequence of this project's own layout. It is refused without poses.tum where it ``needs_poses``. Raises
-    RunFolderError if camera.json or poses.tum is missing or invalid.
+def read_sequence(path: Path, *, needs_poses: bool = True, ignores_poses: bool = False) -> Sequence:
+    """Open a sequence of this project's own layout. Where it ``needs_poses``, it is refused without poses.tum, and
+    images without a line are left out; else gaps between poses are interpolated. With ``ignores_poses`` the lines tell
+    times alone. Raises RunFolderError if camera.json or poses.tum is missing or invalid.
     """
+    images = sum(1 for _ in (path / "rgb").glob("*.png"))
     try:
         camera = convert(read_json(path / "camera.json"), _CameraShape)
-        has_poses = needs_poses or (path / "poses.tum").is_file()
-        lines = read_table(path / "poses.tum") if has_poses else _unposed_lines(path)
+        is_posed = needs_poses or (path / "poses.tum").is_file()
+        lines = read_table(path / "poses.tum") if is_posed else np.zeros((0, 8))
         if lines.shape[1] != 8:
             raise ValueError("poses.tum needs eight numbers in every line")
+        if not needs_poses:
+            lines = _with_times(lines, images)
         require_count(len(lines))
     except (OSError, ValueError, TypeError) as err:
         raise RunFolderError(
             f"{path} is not a recorded sequence ({err}); it needs camera.json, poses.tum, depth/ and rgb/."
         ) from err
-    frames = []
-    images = sum(1 for _ in (path / "rgb").glob("*.png"))
     left_out = LeftOut(max(0, images - len(lines)), images, "poses.tum has no line for them")
-    for step, line in enumerate(lines):
+    found = [None if ignores_poses else _matrix(line) for line in lines]
+    poses, missing = [np.full((4, 4), np.nan) if T is None else T for T in found], ()
+    if not needs_poses:
+        poses, missing = bridged(lines[:, 0].tolist(), found)
+    frames = []
+    for step, (line, T) in enumerate(zip(lines, poses, strict=True)):
         exact = path / "depth" / f"{step:06d}.npy"
         depth = exact if exact.is_file() else exact.with_suffix(".png")
         colour = path / "rgb" / f"{step:06d}.png"
-        frames.append(Frame(float(line[0]), colour, depth, _matrix(line)))
+        frames.append(Frame(float(line[0]), colour, depth, T))
     facts = asdict_of(camera)
     unit = facts.pop("depth_unit_m")
-    return Sequence(path, Intrinsics(**facts), unit, tuple(frames), has_poses=has_poses, left_out=(left_out,))
+    return Sequence(
+        path,
+        Intrinsics(**facts),
+        unit,
+        tuple(frames),
+        has_poses=needs_poses or len(missing) < len(frames),
+        interpolated=missing,
+        left_out=(left_out,),
+    )
 
 
-def _matrix(line: Float[np.ndarray, "8"]) -> Float[np.ndarray, "4 4"]:
-    """The pose of a line, of NaN where it is none."""
+def _matrix(line: Float[np.ndarray, "8"]) -> Float[np.ndarray, "4 4"] | None:
+    """The pose of a line, None where it is none."""
     good = np.isfinite(line).all() and line[4:].any()
-    return tum_matrix(line[1:4], line[4:8]) if good else np.full((4, 4), np.nan)
+    return tum_matrix(line[1:4], line[4:8]) if good else None
 
 
-def _unposed_lines(path: Path) -> np.ndarray:
-    """Lines for the colour images of a sequence without poses."""
-    lines = np.zeros((sum(1 for _ in (path / "rgb").glob("*.png")), 8))
-    lines[:, 0], lines[:, 7] = np.arange(len(lines)) * FRAME_S, 1.0
+def _with_times(lines: Float[np.ndarray, "n 8"], images: int) -> Float[np.ndarray, "m 8"]:
+    """With a line without a pose for every image that has none, and a time in every line: between those that are
+    stated, else ``FRAME_S`` apart.
+    """
+    lines = np.concatenate((lines, np.full((max(0, images - len(lines)), 8), np.nan)))
+    stated = np.flatnonzero(np.isfinite(lines[:, 0]))
+    number = np.arange(len(lines))
+    if not len(stated):
+        lines[:, 0] = number * FRAME_S
+        return lines
+    outside = number - np.clip(number, stated[0], stated[-1])
+    lines[:, 0] = np.interp(number, stated, lines[stated, 0]) + outside * FRAME_S
     return lines
 
 

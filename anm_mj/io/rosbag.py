@@ -99,7 +99,7 @@ class _Bag(BagReader):
                 colour_frame,
             )
         intrinsics, distortion = self._intrinsics(colour, depth, camera_frame)
-        says_poses = options.needs_poses or self.says_poses(camera_frame)
+        says_poses = options.needs_poses or (not options.ignores_poses and self.says_poses(camera_frame))
         motion = self.motion(camera_frame) if says_poses else None
         single = {stamp.time_s: stamp for stamp in reversed(depths)}
         pairs = _pairs(sorted(single.values()), colours, match_s)
@@ -139,7 +139,7 @@ class _Bag(BagReader):
         for k, T in zip(kept, matrices, strict=True):
             stamp, colour_stamp = pairs[k]
             images = self.later(colour, colour_stamp, colour_image), self.later(depth, stamp, read_depth)
-            frames.append(Frame(stamp.time_s - pairs[0][0].time_s, *images, T))
+            frames.append(Frame(stamp.time_s, *images, T))
         return Sequence(
             self.path,
             intrinsics,

@@ -53,10 +53,9 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         sequence, found = read_recording(path, options), BAG
     else:
         sequence, found = _read_folder(path, options)
-    sequence = with_poses_alone(replace(sequence, max_bad=options.max_bad))
+    sequence = replace(sequence, max_bad=options.max_bad)
+    sequence = sequence.without_poses() if options.ignores_poses else with_poses_alone(sequence)
     say_left_out(sequence)
-    if options.ignores_poses:
-        sequence = sequence.without_poses()
     if sequence.has_poses and sequence.interpolated:
         _logger.warning(
             "%s: %d of %d frames have no pose (%s); it is interpolated, as a prior.",
@@ -175,8 +174,8 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
             "it whole."
         )
     try:
-        times = {name: getattr(options, name) for name in LAYOUTS[found].times}
-        return LAYOUTS[found].read(folder, **times), found
+        given = {name: getattr(options, name) for name in LAYOUTS[found].options}
+        return LAYOUTS[found].read(folder, **given), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         said = str(err) if isinstance(err, OSError | ValueError | OverflowError) else repr(err)
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({said}).") from err

@@ -18,11 +18,11 @@ _ICL_CAMERA = (481.2, 480.0, 319.5, 239.5)
 _ICL_SIZE = (640, 480)
 
 
-def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float) -> Sequence:
+def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float, ignores_poses: bool = False) -> Sequence:
     """ARKitScenes: ``lowres_wide/``, ``lowres_depth/``, ``lowres_wide_intrinsics/``, ``confidence/`` and poses. Images,
     cameras and confidences belong to a depth image up to a difference of ``match_s``; poses are interpolated between
-    two that lie no farther apart than ``max_gap_s``. Raises OSError, ValueError or RunFolderError if the poses or a
-    camera are damaged, or no frame is whole.
+    two that lie no farther apart than ``max_gap_s``, or all at the origin where it ``ignores_poses``. Raises OSError,
+    ValueError or RunFolderError if the poses or a camera are damaged, or no frame is whole.
     """
     lines = number_rows(folder / "lowres_wide.traj")
     if lines.shape[1] != 7:
@@ -44,7 +44,7 @@ def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float) -> Seque
     frames, cameras, alone = [], [], 0
     for time_s, depth in depths.items():
         colour, pincam = _near(colours, time_s, match_s), _near(stated, time_s, match_s)
-        pose = track.at(time_s)
+        pose = np.eye(4) if ignores_poses else track.at(time_s)
         if colour is None or pincam is None:
             alone += 1
         elif pose is not None:
@@ -60,12 +60,12 @@ def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float) -> Seque
     return Sequence(folder, camera, 0.001, whole, resize=True, left_out=left_out)
 
 
-def read_icl(folder: Path, *, max_gap_s: float) -> Sequence:
+def read_icl(folder: Path, *, max_gap_s: float, ignores_poses: bool = False) -> Sequence:
     """ICL-NUIM as TUM's tools read it: ``associations.txt``, ``depth/``, ``rgb/`` and a file ``*.gt.freiburg``.
 
     Its world is left-handed, as its camera is; here, it is mirrored along x. Poses are interpolated between two that
-    lie no farther apart than ``max_gap_s``. Raises OSError, ValueError or RunFolderError if a list is damaged, or no
-    frame is whole.
+    lie no farther apart than ``max_gap_s``, or all at the origin where it ``ignores_poses``. Raises OSError, ValueError
+    or RunFolderError if a list is damaged, or no frame is whole.
     """
     lines = number_rows(sorted(folder.glob("*.gt.freiburg"))[0])
     if lines.shape[1] != 8:
@@ -79,7 +79,7 @@ def read_icl(folder: Path, *, max_gap_s: float) -> Sequence:
         names = (other, one) if "depth" in one else (one, other)
         colour, depth = (folder / with_slashes(name) for name in names)
         time_s = float(number) * FRAME_S
-        pose = track.at(time_s)
+        pose = np.eye(4) if ignores_poses else track.at(time_s)
         if pose is not None:
             frames.append(Frame(time_s, colour, depth, mirror @ pose @ flip))
     left_out = LeftOut(len(listed) - len(frames), len(listed), "no pose is known at their time (--max-gap)")

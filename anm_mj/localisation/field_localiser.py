@@ -187,7 +187,11 @@ class FieldLocaliser:
 
     def close(self) -> None:
         """Forget the earlier frames, which take most of its memory: no frame is to come."""
-        self._key_images = KeyImages(self.config.key_images)
+        # The graph and the last comparison refer to the same images.
+        self._key_images.images.clear()
+        self._key_images.see(None)
+        self._image_odometry.see(None)
+        self._compared = None
 
     def _correct(self, observation: Observation) -> bool:
         """Add a keyframe to the graph, and move what it corrects; whether that closes a loop."""
@@ -227,7 +231,7 @@ class FieldLocaliser:
         T, slack_m = prior.T_world_camera, prior.deviations[0]
         images = self._key_images.overlapping(points, T, slack_m) if self.config.key_images.num_images else []
         self._key_images.refer_to(images, T)
-        if not images and not self.config.graph.is_on:
+        if not images and not self.config.graph.is_on and not self._image_odometry.has_last:
             return None
         noise, kept = self._probe.noise_per_m, self._key_images
         return compared_with(images, static_view, image, len(points), kept, self.config, noise, rng)

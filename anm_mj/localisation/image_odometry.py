@@ -28,6 +28,11 @@ class ImageOdometry:
         self._config, self._has_odometry = config, has_odometry
         self._last: KeyImage | None = None
 
+    @property
+    def has_last(self) -> bool:
+        """Whether there is a frame that the next one may follow."""
+        return self._last is not None
+
     def see(self, image: KeyImage | None) -> None:
         """Take a frame at its estimated pose as what the next one follows; None = it shows nothing."""
         self._last = image

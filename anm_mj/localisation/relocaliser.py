@@ -170,7 +170,10 @@ class Relocaliser:
         if believed is not None and self._is_local(believed, points):
             # A better place next to it: the frames to come decide again.
             believed.num_frames, believed.score = 0, 0.0
-            return None
+            if config.frames > 1:
+                return None
+            self._register(believed, points)
+            return believable(self.hypotheses, config, usual_score, T_expected)
         return believed
 
     def _grid(self, height_m: float) -> DistanceGrid:

@@ -23,7 +23,9 @@ class TrainingPace:
         self._num_mapped += 1
         fresh = self._num_mapped <= config.young_frames or known < config.familiar
         self._since_keyframe += 1
-        is_keyframe = self._since_keyframe >= (config.fresh_keyframe_every if fresh else config.keyframe_every)
+        every = config.fresh_keyframe_every if fresh else config.keyframe_every
+        # The field replays its first frame in any case.
+        is_keyframe = self._num_mapped == 1 or self._since_keyframe >= every
         if is_keyframe:
             self._since_keyframe = 0
         return TrainingEffort(config.young_iterations if fresh else config.iterations, config.current_rays, is_keyframe)

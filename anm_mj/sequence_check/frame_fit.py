@@ -105,14 +105,19 @@ def jumps(positions_m: Float64[np.ndarray, "n 3"], wrong: Sequence[int]) -> list
     return (np.flatnonzero(steps > limit) + 1).tolist()
 
 
-def say_misfits(fits: Sequence[FrameFit], positions_m: Float64[np.ndarray, "n 3"], times_s: Sequence[float]) -> None:
-    """Warn of frames that contradict the map, and name what it looks like."""
+def say_misfits(
+    fits: Sequence[FrameFit], positions_m: Float64[np.ndarray, "n 3"], times_s: Sequence[float], steps: Sequence[int]
+) -> None:
+    """Warn of frames that contradict the map, by their numbers ``steps`` in the sequence, and name what it looks
+    like.
+    """
     wrong = misfits(fits)
     leaps = jumps(positions_m, wrong)
     if leaps:
         sizes = [float(np.linalg.norm(positions_m[at] - positions_m[at - 1])) for at in leaps]
         words = ", ".join(
-            f"{size:.2f} m at frame {at} ({times_s[at]:g} s)" for at, size in zip(leaps[:5], sizes, strict=False)
+            f"{size:.2f} m at frame {steps[at]} ({times_s[at]:.3f} s)"
+            for at, size in zip(leaps[:5], sizes, strict=False)
         )
         more = f" and {len(leaps) - 5} more" if len(leaps) > 5 else ""
         _logger.warning("The poses jump: %s%s.", words, more)
@@ -121,7 +126,7 @@ def say_misfits(fits: Sequence[FrameFit], positions_m: Float64[np.ndarray, "n 3"
             "%d of %d frames do not fit the map of those before: %s. %s",
             len(wrong),
             len(fits),
-            ranges_text(wrong),
+            ranges_text([steps[at] for at in wrong]),
             _looks_like(wrong, fits),
         )
     residuals = [fit.residual_m for fit in fits if fit.residual_m is not None]

@@ -58,6 +58,18 @@ def test_the_same_trajectory_in_another_world_has_no_error(reference):
     assert found.lost_percent == 0.0
 
 
+def test_a_reference_that_begins_late_is_not_held_before(reference):
+    reference.times_s, reference.poses = reference.times_s[45:], reference.poses[45:]
+    found = error_of(frames(), reference)
+    assert found.position_rmse_cm < 0.01
+    assert found.final_position_error_cm < 0.01
+    # Times are written in microseconds.
+    assert reference.measured_at(reference.times_s[0] - 1e-6) is not None
+    assert reference.measured_at(reference.times_s[-1] + 1e-6) is not None
+    assert reference.measured_at(reference.times_s[0] - 0.1) is None
+    assert reference.at(reference.times_s[0] - 0.1) is not None
+
+
 def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
     # From the second frame on everything lies 10 cm to the side.
     found = error_of(frames(lambda t: np.array([0.0, 0.1 * (t > 0.15), 0.0])), reference)

@@ -1,0 +1,13 @@
+"""How much is trained on each frame."""
+
+import pytest
+
+from anm_mj.localisation.localisation_config import TrackingConfig
+from anm_mj.localisation.training_pace import TrainingPace
+
+
+@pytest.mark.parametrize("every", [1, 2, 4])
+def test_the_first_frame_is_a_keyframe_as_it_is_for_the_field(every):
+    pace = TrainingPace(TrackingConfig(fresh_keyframe_every=every, young_frames=100))
+    are_keyframes = [pace.next(known=1.0).is_keyframe for _ in range(2 * every + 1)]
+    assert are_keyframes == [k % every == 0 for k in range(2 * every + 1)]
