@@ -91,7 +91,9 @@ def resume(
         before = (stored.facts["files"], stored.step)
         with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
             lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
-            folder.metrics.unlink(missing_ok=True)
+            # What the interruption left would pass for the run's, if this is killed.
+            for path in (folder.metrics, folder.map, folder.explored, folder.mesh):
+                path.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:
                 log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})

@@ -40,7 +40,8 @@ OF_THE_WORLD = ("model.", "sensor.", "people.")
 UNKNOWN_REVISION = "unknown"
 _METRICS = {field.name for field in fields(Metrics)}
 _PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")
-_ANY_SIGN = ("_db", "_ssim")
+_ANY_SIGN = ("_db", "_ssim", "people_nearest_m")
+"""Of metrics below 0: discs of people and robot overlap a little in a contact."""
 _ROUNDING = 1e-3
 """Numbers of two files agree to this, as a share of them or of 1."""
 

@@ -98,7 +98,9 @@ class CheckpointStore:
         return self.folder / f"{step:06d}.checkpoint"
 
     def _newest_first(self) -> list[Path]:
-        return sorted((path for path in self.folder.glob(_PATTERN) if path.is_file()), reverse=True)
+        # By number: names of a million steps and more are longer.
+        there = (path for path in self.folder.glob(_PATTERN) if path.is_file())
+        return sorted(there, key=lambda path: (len(path.stem), path.stem), reverse=True)
 
 
 class Checkpointer:

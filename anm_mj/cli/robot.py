@@ -33,7 +33,7 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     from anm_mj.sim.gl import select_backend
 
     require_ending(out, (".png",))
-    config = make_config(DEFAULT_PRESET, list(settings), scene="", robot=robot).model
+    config = make_config(DEFAULT_PRESET, list(settings), scene="", robot=robot)
     path = robot_path(robot)
     backend = select_backend()
     from anm_mj.mjcf.read_mjcf import root_tag
@@ -42,7 +42,7 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     from anm_mj.sim.robot_views import robot_views
     from anm_mj.viz.robot_sheet import save_robot_sheet
 
-    found = describe_file(path, config)
+    found = describe_file(path, config.model, config.camera, config.image_px)
     test = drive_over_a_floor(found)
     console = PlainConsole()
     # What MuJoCo alone makes of a URDF is not what runs here.

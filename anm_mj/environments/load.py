@@ -84,7 +84,7 @@ def _footprint(config: SimulationConfig) -> Footprint:
     select_backend()  # MuJoCo, which reads the file, must not be imported before.
     from anm_mj.sim.describe_file import describe_file
 
-    return describe_file(path, config.model).footprint
+    return describe_file(path, config.model, config.camera, config.image_px).footprint
 
 
 @functools.lru_cache(maxsize=64)

@@ -30,7 +30,7 @@ def topdown_of(run: Run) -> ShownFigure:
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
     return topdown_figure(
         survey_of(run),
-        [frame.pose for frame in run.frames],
+        [frame.pose for frame in run.posed_frames],
         target_xy_m=np.array(targets[-1], dtype=np.float64) if targets else None,
         title=titled(run.folder, _metrics(run)),
     )

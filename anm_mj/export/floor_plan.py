@@ -82,8 +82,9 @@ def export_geojson(run: Run, out: Path) -> list[Path]:
         _feature("Point", region.centre_m, kind="region", num_members=region.num_members, score=region.score)
         for region in survey.regions
     ]
-    trajectory = np.array([frame.pose.xy_m for frame in run.frames])
-    features.append(_feature("LineString", trajectory, kind="trajectory"))
+    trajectory = np.array([frame.pose.xy_m for frame in run.posed_frames])
+    # A line has two ends.
+    features += [_feature("LineString", trajectory, kind="trajectory")] * (len(trajectory) > 1)
     return _written(out / "graph.geojson", features, coordinates_in="metres, world frame")
 
 

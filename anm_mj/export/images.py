@@ -33,7 +33,7 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
     camera = _with_images(run, folder / "images")
     with writing(folder):
         (folder / "depth").mkdir(parents=True, exist_ok=True)
-        for frame in run.frames:
+        for frame in run.posed_frames:
             depth = run.folder.depth(frame.step)
             (folder / "depth" / depth.name).write_bytes(run.picture_bytes(depth))
         points, colours = surface_points(run)
@@ -44,7 +44,7 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
             "depth_file_path": f"depth/{run.folder.depth(frame.step).name}",
             "transform_matrix": frame.T_world_camera @ T_GL_CV,
         }
-        for frame in run.frames
+        for frame in run.posed_frames
     ]
     facts = {"camera_model": "OPENCV", "w": camera.width, "h": camera.height}
     facts |= {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
@@ -72,7 +72,7 @@ def export_colmap(run: Run, out: Path) -> list[Path]:
         )
         with (model / "images.txt").open("w", encoding="utf-8") as file:
             file.write("# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n")
-            for number, frame in enumerate(run.frames, start=1):
+            for number, frame in enumerate(run.posed_frames, start=1):
                 T = np.linalg.inv(frame.T_world_camera)
                 x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
                 pose = " ".join(f"{value:.12g}" for value in (w, x, y, z, *T[:3, 3]))
@@ -96,8 +96,10 @@ def image_intrinsics(run: Run) -> Intrinsics:
 
 
 def _with_images(run: Run, folder: Path) -> Intrinsics:
-    """Copy the images of a run, and give their intrinsics."""
+    """Copy the images of a run whose pose was known, and give their intrinsics."""
     camera = image_intrinsics(run)
+    if not run.posed_frames:
+        raise RunFolderError(f"{run.folder.path} holds no frame whose pose was known; give another run.")
     if camera.width < run.intrinsics.width:
         _logger.warning(
             "The images have %d x %d pixels of %d x %d, which is little to reconstruct from; explore with "
@@ -109,7 +111,7 @@ def _with_images(run: Run, folder: Path) -> Intrinsics:
         )
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        for frame in run.frames:
+        for frame in run.posed_frames:
             image = run.folder.image(frame.step)
             (folder / image.name).write_bytes(run.picture_bytes(image))
     return camera

@@ -103,6 +103,8 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
     static = [(BASE, LINK, mounts[0])] if is_fixed else []
     to.write("/tf_static", begin, to.transforms(begin, [*static, (LINK, CAMERA, T_LINK_CAMERA)]))
     for index, frame in enumerate(run.frames):
+        if frame.is_lost:
+            continue
         now = frame.time_s
         links = [(MAP, ODOM, np.eye(4)), to.base_link(ODOM, BASE, frame.pose)]
         to.write("/tf", now, to.transforms(now, links if is_fixed else [*links, (BASE, LINK, mounts[index])]))

@@ -9,18 +9,20 @@ from anm_mj.utils.read_file import read_text
 
 
 def export_tum(run: Run, out: Path) -> list[Path]:
-    """``trajectory_camera.tum`` and ``trajectory_base.tum``: ``time_s x y z qx qy qz qw`` per frame."""
+    """``trajectory_camera.tum`` and ``trajectory_base.tum``: ``time_s x y z qx qy qz qw`` per frame of known pose."""
     camera, base = out / "trajectory_camera.tum", out / "trajectory_base.tum"
     with writing(camera):
-        camera.write_text("".join(f"{camera_line(frame.time_s, frame.T_world_camera)}\n" for frame in run.frames))
+        camera.write_text("".join(f"{camera_line(frame.time_s, frame.T_world_camera)}\n" for frame in run.posed_frames))
         base.write_text(read_text(run.folder.trajectory))
     return [camera, base]
 
 
 def export_kitti(run: Run, out: Path) -> list[Path]:
-    """``trajectory_camera.kitti.txt``: the upper three rows of ``T_world_camera``, row by row, per frame."""
+    """``trajectory_camera.kitti.txt``: the upper three rows of ``T_world_camera``, row by row; a line is a frame of
+    known pose.
+    """
     path = out / "trajectory_camera.kitti.txt"
     with writing(path):
-        lines = (" ".join(f"{value:.9g}" for value in frame.T_world_camera[:3].ravel()) for frame in run.frames)
+        lines = (" ".join(f"{value:.9g}" for value in frame.T_world_camera[:3].ravel()) for frame in run.posed_frames)
         path.write_text("\n".join(lines) + "\n")
     return [path]

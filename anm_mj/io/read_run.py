@@ -38,6 +38,7 @@ class Run:
     depth_shape: tuple[int, int]
     """Rows and columns of the reduced depth images."""
     frames: tuple[FrameRecord, ...]
+    """All of them; :attr:`posed_frames` are those whose pose was known."""
     steps: tuple[StepShape, ...]
     plans: tuple[dict[str, Any], ...]
     """Lines of ``plans.jsonl``, uninterpreted but for the characters of ``reason``."""
@@ -51,6 +52,11 @@ class Run:
         """The space that the robot swept; None for a recorded sequence, and where an older manifest does not say."""
         found = self.manifest.get("footprint")
         return None if found is None else Footprint(**found)
+
+    @property
+    def posed_frames(self) -> tuple[FrameRecord, ...]:
+        """Those whose pose the robot knew: that of a lost one may even be of another world."""
+        return tuple(frame for frame in self.frames if not frame.is_lost)
 
     def depth_mm(self, frame: FrameRecord) -> UInt16[np.ndarray, "rows cols"]:
         """Reduced depth of a frame [mm]. Raises RunFolderError if the image is missing, damaged, or of another size

@@ -194,7 +194,9 @@ def _remove_after(folder: RunFolder, step: int) -> None:
     for place, first in ((folder.depth, step + 1), (folder.image, step + 1), (folder.plan, step)):
         if place(0).parent.is_dir():
             for path in place(0).parent.iterdir():
-                if path.stem >= place(first).stem or path.name.startswith("."):
+                number, least = path.stem, place(first).stem
+                # Names of a million steps and more are longer.
+                if (len(number), number) >= (len(least), least) or path.name.startswith("."):
                     path.unlink()
 
 

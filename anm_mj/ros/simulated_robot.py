@@ -20,7 +20,7 @@ PERIOD_S = 0.02
 """Of the motion, the odometry and the clock [simulated s]."""
 COMMAND_TIMEOUT_S = 0.5
 """Without a command for so long the robot brakes [simulated s]."""
-_HZ, _RATE = (0.1, 50.0), (0.01, 100.0)
+_HZ, RATE = (0.1, 50.0), (0.01, 100.0)
 _STILL = Twist(0.0, 0.0)
 _IMAGES = Delivery(reliable=True, depth=5)
 """Subscribers of both kinds match."""
@@ -57,7 +57,7 @@ class SimulatedRosRobot:
         colour and depth per simulated second, ``rate`` simulated seconds per second. Raises ConfigError if a rate is
         out of range.
         """
-        for name, value, (low, high) in (("--image-hz", image_hz, _HZ), ("--rate", rate, _RATE)):
+        for name, value, (low, high) in (("--image-hz", image_hz, _HZ), ("--rate", rate, RATE)):
             if not low <= value <= high:
                 raise ConfigError(f"{name} is {value:g}; give a number from {low:g} to {high:g}.")
         self._robot, self._node, self._rate = robot, node, rate

@@ -161,3 +161,10 @@ def test_a_header_of_any_size_costs_no_memory(tmp_path):
     path.write_bytes(checkpoint_file.MAGIC + (1 << 62).to_bytes(8, "little") + b"{}")
     with pytest.raises(CheckpointError, match="cut off"):
         read_checkpoint(path)
+
+
+def test_a_checkpoint_of_a_million_steps_is_newer(tmp_path):
+    store = CheckpointStore(tmp_path)
+    for step in (999_900, 1_000_000):
+        (tmp_path / f"{step:06d}.checkpoint").touch()
+    assert [path.stem for path in store._newest_first()] == ["1000000", "999900"]

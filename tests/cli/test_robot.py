@@ -1,5 +1,6 @@
 """``anm-mj robot check``: what it prints, draws and refuses."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +63,13 @@ def test_plain_mujoco_takes_no_hours_and_writes_no_log(tmp_path, monkeypatch, ca
     assert plain_fault(robot, "")
     assert [path.name for path in tmp_path.iterdir()] == ["odd.xml"]
     assert "WARNING" not in "".join(capfd.readouterr())
+
+
+def test_settings_of_the_camera_are_checked_as_they_will_be_used(tmp_path, capsys):
+    words = ["robot", "check", "diff_drive", "--out", str(tmp_path / "sheet.png"), "--json"]
+    heights_m = []
+    for settings in ([], ["--set", "camera.height_m=0.5"]):
+        assert main([*words, *settings]) == 0
+        heights_m.append(json.loads(capsys.readouterr().out)["T_base_camera"][2][3])
+    assert heights_m[1] == pytest.approx(0.5)
+    assert heights_m[0] != heights_m[1]

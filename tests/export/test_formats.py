@@ -24,6 +24,7 @@ from anm_mj.export.rosbag import export_rosbag
 from anm_mj.export.wall_clock import began_s, on_wall_clock
 from anm_mj.frames import pixel_directions, pose_matrix, transform_points
 from anm_mj.io.bag_poses import FrameTree
+from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
@@ -377,3 +378,21 @@ def test_a_damaged_picture_is_not_copied(run_folder, tmp_path, capsys):
 
 def lines_of(path):
     return [line for line in path.read_text().split("\n")[:-1] if not line.startswith("#")]
+
+
+def test_frames_of_a_lost_robot_are_in_no_export(tmp_path):
+    path = box_run(tmp_path / "box", 4)
+    lines = read_jsonl(path / "frames.jsonl")
+    lines[1]["localisation"] = {"state": "LOST", "usable": False}
+    (path / "frames.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    out = tmp_path / "out"
+    export_run(path, ["nerfstudio", "colmap", "tum", "kitti", "rosbag"], out)
+
+    known = len(lines) - 1
+    assert len(json.loads((out / "nerfstudio" / "transforms.json").read_text())["frames"]) == known
+    assert len(list((out / "nerfstudio" / "images").iterdir())) == known
+    images = (out / "colmap" / "sparse" / "0" / "images.txt").read_text()
+    assert "000001" not in images
+    assert len((out / "trajectory_camera.tum").read_text().splitlines()) == known
+    assert len((out / "trajectory_camera.kitti.txt").read_text().splitlines()) == known
+    assert len(open_sequence(out / "rosbag")[0]) == known

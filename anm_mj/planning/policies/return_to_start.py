@@ -40,6 +40,9 @@ class _Return(NamedTuple):
 class ReturnToStart:
     """A policy that ends at its start: it drives back when the exploration is over, or in time for the budget."""
 
+    # A run that is resumed may have been given another budget.
+    REBUILT = ("_num_steps",)
+
     def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int | None) -> None:
         """Wrap a policy that explores; the budget is ``num_steps`` discrete actions. None = it is told when to end."""
         self._policy = policy
