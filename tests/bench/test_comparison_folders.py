@@ -128,3 +128,12 @@ def test_metrics_of_another_run_and_what_is_no_folder_are_refused(file, tmp_path
     folder.touch()
     with pytest.raises(BenchError, match="is no folder"):
         run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
+
+
+def test_a_contact_that_overlaps_a_little_is_no_damage(made, tmp_path):
+    file, out = tmp_path / "small.toml", tmp_path / "out"
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    (run,) = (out / "runs").iterdir()
+    metrics = json.loads((run / "metrics.json").read_text())
+    (run / "metrics.json").write_text(json.dumps({**metrics, "people_nearest_m": -0.003}))
+    assert run_bench(file, out, function="tests.bench.fake:quick").failures == []

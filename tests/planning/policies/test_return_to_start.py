@@ -1,11 +1,15 @@
 """Whatever a policy does, the robot is back in time."""
 
+import json
 import math
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from anm_mj.checkpoint.decode import restore
+from anm_mj.checkpoint.encode import encode
+from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.control.action_motion import action_motion
 from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
@@ -145,3 +149,11 @@ def test_a_way_that_is_blocked_is_said():
     plan = policy.plan(mapper_of(grid), observe(90, nearest))
     assert plan.stop is StopReason.COMPLETE
     assert "no path leads back" in plan.reason
+
+
+def test_a_resumed_run_has_the_budget_that_it_was_given():
+    known = KnownClasses(__name__)
+    graph = encode({"policy": returning(Turns([]), 500)}, known)
+    nodes, arrays = json.loads(json.dumps(graph.nodes)), [array.copy() for array in graph.arrays]
+    resumed = restore(nodes, arrays, {"policy": returning(Turns([]), 2000)}, known)["policy"]
+    assert resumed._num_steps == 2000
