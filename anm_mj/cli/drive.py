@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 from anm_mj.cli.command_line import Option, Report
 from anm_mj.cli.explore import show_run
 from anm_mj.cli.map import topics_by_role
-from anm_mj.cli.option_types import Count, NewFolder, Settings, blind_policy_names, run_fields
+from anm_mj.cli.option_types import Count, NewFolder, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
 
 _ROLES = {"colour", "depth", "camera", "odometry", "command"}
-_FIELDS = run_fields("goal", "seed", "device", "preset", "return_to_start", "policy", policy=blind_policy_names)
+_POLICIES = functools.partial(policy_names, has_truth=False)
+_FIELDS = run_fields("goal", "seed", "device", "preset", "return_to_start", "policy", policy=_POLICIES)
 
 
 def drive(

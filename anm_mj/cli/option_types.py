@@ -29,15 +29,11 @@ Port = Annotated[int, Option("PORT", _port)]
 Settings = Annotated[Sequence[str], Option("--set NAME=VALUE")]
 
 
-def policy_names() -> Iterator[str]:
-    """The names of the policies, with a few words where one has any."""
-    yield from (f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items())
-
-
-def blind_policy_names() -> Iterator[str]:
-    """Those of the policies that need no true scene."""
-    known = policies()
-    yield from (text for text in policy_names() if not known[text.partition(" (")[0]].needs_truth)
+def policy_names(*, has_truth: bool = True) -> Iterator[str]:
+    """The names of the policies that can be used, with a few words where one has any."""
+    for name, entry in policies().items():
+        if has_truth or not entry.needs_truth:
+            yield f"{name} ({entry.summary})" if entry.summary else name
 
 
 def run_fields(*fields: str, **names: Callable[[], Iterable[str]]) -> Fields:

@@ -62,10 +62,9 @@ def simulate(
     console = PlainConsole()
     if is_recording(Path(scene)):
         from anm_mj.ros.bag_player import play
-        from anm_mj.ros.simulated_robot import RATE
+        from anm_mj.ros.simulated_robot import require_rate
 
-        if not RATE[0] <= rate <= RATE[1]:
-            raise ConfigError(f"--rate is {rate:g}; give a number from {RATE[0]:g} to {RATE[1]:g}.")
+        require_rate(rate)
         with Node(namespace) as node, Interrupt(console, "Ending.") as interrupt:
             console.say(f"{scene} is played at {rate:g} times its time; Ctrl-C ends it.")
             count = play(Path(scene), node, rate=rate, until=lambda: interrupt.is_requested)

@@ -20,7 +20,7 @@ PERIOD_S = 0.02
 """Of the motion, the odometry and the clock [simulated s]."""
 COMMAND_TIMEOUT_S = 0.5
 """Without a command for so long the robot brakes [simulated s]."""
-_HZ, RATE = (0.1, 50.0), (0.01, 100.0)
+_HZ, _RATE = (0.1, 50.0), (0.01, 100.0)
 _STILL = Twist(0.0, 0.0)
 _IMAGES = Delivery(reliable=True, depth=5)
 """Subscribers of both kinds match."""
@@ -45,6 +45,17 @@ class Served:
         return self.simulated_s / max(self.wall_s, 1e-9)
 
 
+def require_rate(rate: float) -> None:
+    """Accept so many simulated or recorded seconds per second. Raises ConfigError if they are out of range."""
+    _require_within("--rate", rate, _RATE)
+
+
+def _require_within(name: str, value: float, limits: tuple[float, float]) -> None:
+    low, high = limits
+    if not low <= value <= high:
+        raise ConfigError(f"{name} is {value:g}; give a number from {low:g} to {high:g}.")
+
+
 class SimulatedRosRobot:
     """Publishes colour, depth, calibration, odometry, frames, joints, the clock, and the truth on a topic of its own.
 
@@ -57,9 +68,8 @@ class SimulatedRosRobot:
         colour and depth per simulated second, ``rate`` simulated seconds per second. Raises ConfigError if a rate is
         out of range.
         """
-        for name, value, (low, high) in (("--image-hz", image_hz, _HZ), ("--rate", rate, RATE)):
-            if not low <= value <= high:
-                raise ConfigError(f"{name} is {value:g}; give a number from {low:g} to {high:g}.")
+        _require_within("--image-hz", image_hz, _HZ)
+        require_rate(rate)
         self._robot, self._node, self._rate = robot, node, rate
         self._limits, self._image_period_s = MotionLimits(), 1.0 / image_hz
         self._wanted, self._wanted_s, self._now = _STILL, -math.inf, _STILL

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
 from anm_mj.io.ros_messages import RosMessages
 from anm_mj.ros.bag_player import play
@@ -63,3 +64,9 @@ def test_what_is_no_recording_is_told(tmp_path: Path, node: Node):
     (tmp_path / "x.mcap").write_bytes(b"no bag")
     with pytest.raises(RunFolderError, match="cannot be read as a recording"):
         play(tmp_path / "x.mcap", node)
+
+
+@pytest.mark.parametrize("rate", ["0", "-1", "nan"])
+def test_a_rate_that_no_recording_can_be_played_at_is_one_sentence(bag, capsys, rate):
+    assert main(["simulate", str(bag), "--ros", f"--rate={rate}"]) == 2
+    assert "give a number from 0.01 to 100" in capsys.readouterr().err
