@@ -39,7 +39,7 @@ def simulate(
         namespace: of its topics, where there are several robots
         rate: simulated seconds per second; what cannot be drawn in time is left out
         image_hz: pairs of colour and depth per simulated second
-        duration: end after so many simulated seconds; by default at Ctrl-C
+        duration: end after so many simulated or recorded seconds; by default at Ctrl-C, or with the recording
         sensor: errors of the camera (exact by default), in detail by --set sensor.NAME=VALUE
         settings: settings of robot and sensor, as in model.wheel_noise=0.02; may be repeated
         **options: fields of ``SimulationConfig``
@@ -57,6 +57,8 @@ def simulate(
 
     if not ros:
         raise ConfigError("--ros is missing; it is the only way in which other programs can drive the robot so far.")
+    if duration is not None and not duration > 0.0:
+        raise ConfigError(f"--duration is {duration:g}; give a number of seconds above 0.")
     from anm_mj.ros.node import Node
 
     console = PlainConsole()
@@ -67,7 +69,9 @@ def simulate(
         require_rate(rate)
         with Node(namespace) as node, Interrupt(console, "Ending.") as interrupt:
             console.say(f"{scene} is played at {rate:g} times its time; Ctrl-C ends it.")
-            count = play(Path(scene), node, rate=rate, until=lambda: interrupt.is_requested)
+            count = play(
+                Path(scene), node, rate=rate, until=lambda: interrupt.is_requested, duration_s=duration or math.inf
+            )
         console.say(f"{count} messages were published.")
         return 0
     select_backend()
@@ -82,7 +86,7 @@ def simulate(
         served = SimulatedRosRobot(robot, node, image_hz=image_hz, rate=rate)
         with Interrupt(console, "Ending.") as interrupt:
             console.say(f"{world.name}: the robot listens to {node.name('cmd_vel')}; Ctrl-C ends it.")
-            done = served.serve(lambda: interrupt.is_requested, math.inf if duration is None else duration)
+            done = served.serve(lambda: interrupt.is_requested, duration or math.inf)
     console.say(
         f"{done.simulated_s:.1f} s simulated in {done.wall_s:.1f} s (real-time factor {done.rate:.2f}), "
         f"{done.contacts} contacts, {done.images} pairs of images, {done.skipped} left out."

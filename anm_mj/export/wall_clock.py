@@ -16,9 +16,12 @@ def on_wall_clock(run: Run, start_s: float | None) -> Run:
     """A run with times since 1970, which that of a live robot has already. ``start_s`` is when it began [s since 1970],
     None = as it says. Raises RunFolderError if ROS has no stamps for these times.
     """
+    first_s = run.frames[0].time_s
+    on_it = first_s > _LONG_S
     if start_s is None:
-        start_s = 0.0 if run.frames[0].time_s > _LONG_S else began_s(run)
-    frames = tuple(dataclasses.replace(frame, time_s=frame.time_s + start_s) for frame in run.frames)
+        start_s = first_s if on_it else began_s(run)
+    shift_s = start_s - (first_s if on_it else 0.0)
+    frames = tuple(dataclasses.replace(frame, time_s=frame.time_s + shift_s) for frame in run.frames)
     if not (frames[0].time_s >= 0.0 and frames[-1].time_s < LATEST_S):
         raise RunFolderError(f"The run would begin at {frames[0].time_s:g} s; give a --start from 1970 to 2037, or 0.")
     return dataclasses.replace(run, frames=frames)

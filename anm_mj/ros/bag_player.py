@@ -1,6 +1,7 @@
 """Publishes a recording again, in the time in which it was made."""
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -9,9 +10,10 @@ from typing import Any
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.rosbag import open_bag
-from anm_mj.ros.node import LATCHED, STATE, Node, Publisher
+from anm_mj.ros.node import FRAMES, LATCHED, STATE, Delivery, Node, Publisher
 
-_ALWAYS_LATCHED = ("tf_static", "robot_description")
+_ALWAYS_LATCHED = {"tf_static": FRAMES, "robot_description": LATCHED}
+"""Whatever a recording says of them."""
 _TRANSIENT_LOCAL = 1
 _AHEAD_S = 1.0
 """Topics are announced so long before their first message [s]: subscribers need time to find them."""
@@ -19,10 +21,17 @@ _AHEAD_S = 1.0
 _logger = logging.getLogger(__name__)
 
 
-def play(path: Path, node: Node, *, rate: float = 1.0, until: Callable[[], bool] = lambda: False) -> int:
-    """Publish all messages of a ROS 2 bag on their topics, as they were serialised; how many. ``rate`` are recorded
-    seconds per second; ``until`` says whether to end before. Raises RunFolderError if it is no bag of ROS 2, or cannot
-    be read.
+def play(
+    path: Path,
+    node: Node,
+    *,
+    rate: float = 1.0,
+    until: Callable[[], bool] = lambda: False,
+    duration_s: float = math.inf,
+) -> int:
+    """Publish the messages of a ROS 2 bag on their topics, as they were serialised; how many. ``rate`` are recorded
+    seconds per second; ``until`` says whether to end before, and ``duration_s`` after how many recorded seconds. Raises
+    RunFolderError if it is no bag of ROS 2, or cannot be read.
     """
     count = 0
     with closing(open_bag(path)) as reader:
@@ -31,7 +40,10 @@ def play(path: Path, node: Node, *, rate: float = 1.0, until: Callable[[], bool]
         to = _publishers(reader, node)
         begin = time.monotonic() + _AHEAD_S
         for connection, at_ns, raw in reader.messages([one for one in reader.connections if one.topic in to]):
-            wait_s = begin + 1e-9 * (at_ns - reader.start_time) / rate - time.monotonic()
+            at_s = 1e-9 * (at_ns - reader.start_time)
+            if at_s > duration_s:
+                break
+            wait_s = begin + at_s / rate - time.monotonic()
             if wait_s > 0.0:
                 time.sleep(wait_s)
             if until():
@@ -47,8 +59,11 @@ def _publishers(reader: Any, node: Node) -> dict[str, Publisher]:
         if one.msgtype not in node.messages.store.types:
             _logger.warning("%s is left out: its type %s is not known.", one.topic, one.msgtype)
             continue
-        offered = getattr(one.ext, "offered_qos_profiles", None) or ()
-        latched = any(qos.durability.value == _TRANSIENT_LOCAL for qos in offered)
-        latched |= one.topic.rpartition("/")[2] in _ALWAYS_LATCHED
-        found[one.topic] = node.publisher(one.topic, one.msgtype, LATCHED if latched else STATE)
+        found[one.topic] = node.publisher(one.topic, one.msgtype, _delivery(one))
     return found
+
+
+def _delivery(connection: Any) -> Delivery:
+    offered = getattr(connection.ext, "offered_qos_profiles", None) or ()
+    latched = any(qos.durability.value == _TRANSIENT_LOCAL for qos in offered)
+    return _ALWAYS_LATCHED.get(connection.topic.rpartition("/")[2], LATCHED if latched else STATE)

@@ -15,14 +15,13 @@ from anm_mj.ros.health import Health
 from anm_mj.ros.live_robot import LiveRobot
 from anm_mj.ros.names import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY_TYPE, TF, TF_STATIC, TF_TYPE
 from anm_mj.ros.navigation import ACTION, GoalTopic, NavigateAction, Navigation
-from anm_mj.ros.node import SENSOR, STATE, Delivery, Node
+from anm_mj.ros.node import FRAMES, SENSOR, STATE, Node
 from anm_mj.ros.poses import TREE, Poses
 from anm_mj.ros.rgbd_intake import RgbdIntake
 
 _LOOK_S = 0.1
 _SETTLE_S = 1.0
 """Nobody knows whether all publishers have been found; after this time, what there is counts [s]."""
-_FRAMES = Delivery(reliable=True, latched=True, depth=100)
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def connect(config: DriveConfig, is_over: Callable[[], bool]) -> Iterator[Connec
     with Node(ros.namespace, on_bad=lambda topic, what: health.fault(topic, f"{topic}: {what}")) as node:
         intake, poses = RgbdIntake(health, ros.depth_unit_m, ros.match_s), Poses(health, ros.base_frame)
         node.subscribe(TF, TF_TYPE, lambda message, of: poses.hear_frames(message, of, static=False), STATE)
-        node.subscribe(TF_STATIC, TF_TYPE, lambda message, of: poses.hear_frames(message, of, static=True), _FRAMES)
+        node.subscribe(TF_STATIC, TF_TYPE, lambda message, of: poses.hear_frames(message, of, static=True), FRAMES)
         end = time.monotonic() + ros.wait_s
         _subscribe(node, intake, poses, _topics(node, config, end, is_over))
         while (missing := _missing(intake, poses)) is not None:

@@ -2,6 +2,7 @@
 
 import logging
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 from anm_mj.events import Observed, Stepped
@@ -39,6 +40,8 @@ class Control:
             self._run.set()
         self.is_over = False
         """Whether the run was stopped."""
+        self.on_pause: Callable[[], None] = lambda: None
+        """Called when a pause begins: stops a robot that drives on between two actions."""
         self.last = ""
         """The last command, and what it does."""
         self._save = self._home = False
@@ -52,6 +55,8 @@ class Control:
         if isinstance(event, Started):
             self._folder = event.folder
         elif isinstance(event, Observed | Stepped):
+            if not self._run.is_set():
+                self.on_pause()
             while not self._run.wait(_LOOK_S) and not self.is_over:
                 self._do(event)
             self._do(event)

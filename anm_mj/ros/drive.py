@@ -98,6 +98,7 @@ def _parts(
         control = Control(to.node, mapper, policy, state, waits=waits)
         publisher.command = lambda: control.last
         to.robot.is_over = lambda: asked() or control.is_over
+        control.on_pause = to.robot.rest
         followers.those += [publisher, control]
         if to.navigation is not None:
             to.robot.goals = GoalDriver(to.navigation, to.poses, to.health, state)

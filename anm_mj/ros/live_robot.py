@@ -102,6 +102,8 @@ class LiveRobot:
                 break
             if self.is_over():
                 raise RobotError("The run was ended while it waited for an image.")
+            if self._health.present() is not None:
+                self.rest()
             if seen is not None:
                 time.sleep(PERIOD_S)  # Its pose is still on its way.
         if self.step == 0:
@@ -111,6 +113,7 @@ class LiveRobot:
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end, by the poses of the odometry; an obstacle ahead or a stall ends it."""
         if action is Action.STOP:
+            self.rest()
             return ActionResult(action, False, _NO_WHEELS, 0.0)
         start, arrived = self._pose(), True
         if self.goals is not None:
@@ -141,10 +144,14 @@ class LiveRobot:
         took_s = time.monotonic() - begin
         return MotionResult(collided, _NO_WHEELS, math.dist(start.xy_m, end.xy_m), turned, took_s)
 
-    def close(self) -> None:
-        """Stop the robot."""
+    def rest(self) -> None:
+        """Stop the robot until the next action, where a goal lets it drive on between two of them."""
         if self.goals is not None:
             self.goals.stop()
+
+    def close(self) -> None:
+        """Stop the robot."""
+        self.rest()
         self._commander.close()
 
     def _drive_to(self, aim: Pose2, start: Pose2, action: Action) -> bool:

@@ -29,6 +29,7 @@ from anm_mj.ros.network import domain, domain_id, network_config
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
 _BLOCKING_S = 0.02
 """A reliable publisher waits so long for a slow subscriber [s]."""
+_NO_LIMIT = -1
 _POLL_S = 0.2
 """The thread of the subscriptions looks so often whether it is to end [s]."""
 _NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
@@ -85,25 +86,31 @@ class Delivery(NamedTuple):
 
     reliable: bool
     latched: bool = False
-    """Whether the last message goes to who subscribes later (``transient local``)."""
+    """Whether the last messages go to who subscribes later (``transient local``)."""
     depth: int = 10
-    """Messages that are kept for a slow subscriber."""
+    """Messages that are kept for a subscriber that is slow, or late."""
 
     def policies(self) -> Qos:
         """As DDS has it."""
-        reliable = Policy.Reliability.Reliable(duration(seconds=_BLOCKING_S))
-        return Qos(
+        reliable, history = Policy.Reliability.Reliable(duration(seconds=_BLOCKING_S)), Policy.History.KeepLast(self.depth)
+        policies = [
             reliable if self.reliable else Policy.Reliability.BestEffort,
             Policy.Durability.TransientLocal if self.latched else Policy.Durability.Volatile,
-            Policy.History.KeepLast(self.depth),
+            history,
             Policy.DataRepresentation(use_cdrv0_representation=True),
-        )
+        ]
+        if self.latched:
+            # Cyclone DDS keeps one message for late subscribers unless it is told so.
+            policies.append(Policy.DurabilityService(0, history, *[_NO_LIMIT] * 3))
+        return Qos(*policies)
 
 
 SENSOR = Delivery(reliable=False, depth=20)
 """Subscriptions to what comes often: publishers of both kinds match."""
 STATE = Delivery(reliable=True)
 LATCHED = Delivery(reliable=True, latched=True, depth=1)
+FRAMES = Delivery(reliable=True, latched=True, depth=100)
+"""Several publishers tell of static frames, each of some, and all of them hold."""
 
 
 class Publisher:

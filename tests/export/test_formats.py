@@ -304,6 +304,10 @@ def test_times_of_a_recording(run, run_folder, tmp_path, capsys):
     assert began_s(dataclasses.replace(run, manifest={})) == run.folder.camera.stat().st_mtime
     live = dataclasses.replace(run, frames=on_wall_clock(run, None).frames)
     assert on_wall_clock(live, None).frames[-1].time_s == live.frames[-1].time_s
+    lasts_s = live.frames[-1].time_s - live.frames[0].time_s
+    for start_s in (0.0, 1893456000.0):
+        again = on_wall_clock(live, start_s).frames
+        assert (again[0].time_s, again[-1].time_s) == (start_s, pytest.approx(start_s + lasts_s, abs=1e-5))
     words = ["export", str(run_folder), "--format", "rosbag", "--out", str(tmp_path), "--start"]
     for given, begin_s in (("2030-01-01T01:00+01:00", 1893456000), ("2030-01-01", 1893456000), ("0", 0)):
         assert main([*words, given]) == 0

@@ -12,7 +12,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.ros_messages import RosMessages
 from anm_mj.ros.bag_player import play
 from anm_mj.ros.names import IMAGE, ODOMETRY_TYPE, TF_TYPE
-from anm_mj.ros.node import LATCHED, STATE, Node
+from anm_mj.ros.node import FRAMES, STATE, Node
 from anm_mj.types import Pose2
 from tests.ros.conftest import wait_until
 
@@ -29,7 +29,8 @@ def bag(tmp_path: Path) -> Path:
         def write(topic: str, at_s: float, message: object) -> None:
             writer.write(to[topic], round(at_s * 1e9), make.to_cdr(message))
 
-        write("/tf_static", 10.0, make.transforms(10.0, [("base_link", "camera", np.eye(4))]))
+        for child in ("camera", "laser"):
+            write("/tf_static", 10.0, make.transforms(10.0, [("base_link", child, np.eye(4))]))
         for at_s in (10.0, 10.0 + LASTS_S):
             write("/odom", at_s, make.odometry(at_s, "odom", "base_link", Pose2(at_s, 0.0, 0.0)))
             write("/depth", at_s, make.image(at_s, "camera", depth_m))
@@ -47,17 +48,22 @@ def test_the_same_topics_come_with_the_same_messages_in_the_same_time(bag: Path,
         # The frames are latched.
         if at_s and not late:
             late.append(True)
-            other.subscribe("/tf_static", TF_TYPE, lambda message, _: heard["/tf_static"].append(message), LATCHED)
+            other.subscribe("/tf_static", TF_TYPE, lambda message, _: heard["/tf_static"].append(message), FRAMES)
         return False
 
     late: list[bool] = []
-    assert play(bag, node, rate=0.5, until=come_late) == 5
+    assert play(bag, node, rate=0.5, until=come_late) == 6
 
-    wait_until(lambda: [len(messages) for messages in heard.values()] == [2, 2, 1])
+    wait_until(lambda: [len(messages) for messages in heard.values()] == [2, 2, 2])
     assert [message.pose.pose.position.x for message in heard["/odom"]] == [10.0, 10.0 + LASTS_S]
     assert heard["/depth"][0].data.view("<f4").tolist() == [1.5] * 24
-    assert heard["/tf_static"][0].transforms[0].child_frame_id == "camera"
+    # A robot has several publishers of static frames, each of some.
+    assert [message.transforms[0].child_frame_id for message in heard["/tf_static"]] == ["camera", "laser"]
     assert at_s[-1] - at_s[0] > LASTS_S
+
+
+def test_a_recording_ends_where_it_is_told_to(bag: Path, node: Node):
+    assert play(bag, node, duration_s=0.5 * LASTS_S) == 4
 
 
 def test_what_is_no_recording_is_told(tmp_path: Path, node: Node):
@@ -70,3 +76,9 @@ def test_what_is_no_recording_is_told(tmp_path: Path, node: Node):
 def test_a_rate_that_no_recording_can_be_played_at_is_one_sentence(bag, capsys, rate):
     assert main(["simulate", str(bag), "--ros", f"--rate={rate}"]) == 2
     assert "give a number from 0.01 to 100" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("duration", ["0", "-1", "nan"])
+def test_a_duration_that_is_none_is_one_sentence(bag, capsys, duration):
+    assert main(["simulate", str(bag), "--ros", f"--duration={duration}"]) == 2
+    assert "give a number of seconds above 0" in capsys.readouterr().err

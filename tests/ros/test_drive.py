@@ -1,6 +1,8 @@
 """A whole run on a live robot: run folder, topics, commands, and a run that goes on."""
 
 import json
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -109,6 +111,32 @@ def test_another_navigation_drives_the_robot_to_goals(way: str, other: Node, tmp
         assert set(navigator.statuses) <= {SUCCEEDED, CANCELED, ABORTED}
     else:
         assert navigator.goals[-1] != navigator.goals[0]
+
+
+@pytest.mark.parametrize("reason", ["pause", "images"])
+def test_the_goal_is_taken_back_where_the_run_waits(reason: str, node: Node, other: Node, tmp_path):
+    settings = [*QUICK, "ros.drive=nav2"]
+    config = make_config("quick", settings, kind=DriveConfig, scene="live", pose="odometry", steps=30)
+    to = node.publisher(TOPIC, "std_msgs/msg/String")
+
+    def say(word: str) -> None:
+        to.publish(node.messages.make("std_msgs/msg/String", data=word))
+
+    with FakeRosRobot(other) as fake, FakeNavigator(other, fake, action=True) as navigator:
+        with ThreadPoolExecutor() as pool:
+            run = pool.submit(drive, config, out=tmp_path / "run")
+            wait_until(lambda: abs(fake.speed) > 0.1, 30.0)
+            fake.broken.add(reason)
+            if reason == "pause":
+                say("pause")
+            try:
+                wait_until(lambda: navigator.cancelled == 1)
+                time.sleep(0.6)
+                assert fake.speed == 0.0
+            finally:
+                fake.broken.clear()
+                say("start")
+        assert run.result()[1].steps == 30
 
 
 def test_a_navigation_that_is_missing_is_told(other: Node):
