@@ -28,6 +28,9 @@ def quaternion_of(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
 def set_pose(
     element: "mujoco._specs.MjsBody | mujoco._specs.MjsCamera", T_parent_element: Float[np.ndarray, "4 4"]
 ) -> None:
-    """Put a body or a camera of a spec at a pose in its parent, in MuJoCo's axes."""
+    """Put a body or a camera of a spec at a pose in its parent body, in MuJoCo's axes."""
+    if element.frame is not None:
+        # What stands in a frame of the file has its pose in that frame; one that moves nothing takes its place.
+        element.set_frame(element.parent.add_frame())
     element.pos, element.quat = T_parent_element[:3, 3], quaternion_of(T_parent_element[:3, :3])
     element.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

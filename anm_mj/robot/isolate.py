@@ -2,9 +2,7 @@
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 
-from anm_mj.frames import rigid_transform
 from anm_mj.mjcf.poses import body_pose, set_pose
 from anm_mj.robot.compiled_robot import joints_above, name_all
 
@@ -36,8 +34,7 @@ def lock_joints(
     for body_id in sorted({int(model.jnt_bodyid[j]) for j in locked}):
         parent = int(model.body_parentid[body_id])
         body = spec.body(model.body(body_id).name)
-        pose = np.linalg.inv(body_pose(data, parent)) @ body_pose(data, body_id)
-        set_pose(body, np.linalg.inv(_frame_pose(spec, body.frame)) @ pose)
+        set_pose(body, np.linalg.inv(body_pose(data, parent)) @ body_pose(data, body_id))
     for element in [*spec.sensors, *spec.keys]:
         spec.delete(element)
     kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
@@ -69,22 +66,6 @@ def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
         model.joint(j).name in kept and model.jnt_bodyid[j] != model.body_rootid[body]
         for j in joints_above(model, body)
     )
-
-
-def _frame_pose(spec: mujoco.MjSpec, frame: "mujoco._specs.MjsFrame | None") -> Float[np.ndarray, "4 4"]:
-    pose = np.eye(4)
-    while frame is not None:
-        quat = np.array(frame.quat)
-        if frame.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
-            compiler = spec.compiler
-            quat = np.array(
-                spec.resolve_orientation(degree=compiler.degree, sequence=compiler.eulerseq, orientation=frame.alt)
-            )
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, quat / np.linalg.norm(quat))
-        pose = rigid_transform(rotation, np.array(frame.pos)) @ pose
-        frame = frame.frame
-    return pose
 
 
 def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:

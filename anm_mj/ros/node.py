@@ -92,7 +92,8 @@ class Delivery(NamedTuple):
 
     def policies(self) -> Qos:
         """As DDS has it."""
-        reliable, history = Policy.Reliability.Reliable(duration(seconds=_BLOCKING_S)), Policy.History.KeepLast(self.depth)
+        reliable = Policy.Reliability.Reliable(duration(seconds=_BLOCKING_S))
+        history = Policy.History.KeepLast(self.depth)
         policies = [
             reliable if self.reliable else Policy.Reliability.BestEffort,
             Policy.Durability.TransientLocal if self.latched else Policy.Durability.Volatile,

@@ -1,4 +1,6 @@
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +19,19 @@ from tests.robots import ROBOT_XML, ROVER_XML  # noqa: E402
 ROBOTS = [ROBOT_XML, ROVER_XML]
 
 
-@pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
-def test_the_camera_sits_where_the_settings_say(path):
+@pytest.fixture
+def in_a_frame(tmp_path) -> Path:
+    text = ROVER_XML.read_text()
+    frames = r'<frame pos="0.01 0 0.02" euler="0 0 0.1"><frame pos="0 0 0.01" euler="0.1 0 0">\1</frame></frame>'
+    text, count = re.subn(r'(<camera name="eye".*?/>)', frames, text)
+    assert count == 1
+    (tmp_path / "framed.xml").write_text(text)
+    return tmp_path / "framed.xml"
+
+
+@pytest.mark.parametrize("path", [*ROBOTS, None], ids=lambda path: "frame" if path is None else path.stem)
+def test_the_camera_sits_where_the_settings_say(path, in_a_frame):
+    path = path or in_a_frame
     plain = describe_robot(path)
     config = CameraConfig(fov_deg=69.0, height_m=0.2, tilt_deg=-30.0, width_px=64, height_px=36)
     mounted = describe_robot(path, camera=config)

@@ -124,8 +124,13 @@ def test_four_driven_wheels_slip_in_turns():
     assert drive.odometry.yaw_rad == pytest.approx(drive.pose.yaw_rad, rel=0.15)
 
 
-def test_planar_joints_become_the_base():
-    robot = describe("planar")
+@pytest.mark.parametrize("frame", ["", '<frame pos="0.3 0 0.1" euler="0 0 0.2">'])
+def test_planar_joints_become_the_base(tmp_path, frame):
+    place = '<body name="base_link" pos="0 0 -0.1">' if frame else '<body name="base_link">'
+    text = edited(tmp_path, "planar", ('<body name="base_link">', frame + place)).read_text()
+    path = tmp_path / "framed.xml"
+    path.write_text(text.replace("</worldbody>", "</frame></worldbody>") if frame else text)
+    robot = describe_robot(path, RobotConfig())
     assert (robot.kind, robot.wheel_joints, robot.wheel_radius_m) == ("holonomic", (), 0.0)
     model, data = on_a_floor(robot)
     drive = PhysicsDrive(model, data, robot, prefix="r/")
