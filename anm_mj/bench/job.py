@@ -72,6 +72,8 @@ class Job:
     """Whether the finished map is judged by novel and by fixed views."""
     maps: bool = True
     """Whether a map is trained for a policy that asks it nothing, too."""
+    robot_hash: str = ""
+    """Of the robot's file, where it is none of the catalogue's."""
     cuts: tuple[tuple[str, Count], ...] = ()
     """Budgets by name that the tables cut the run at [steps]; empty = none but ``steps``."""
 
@@ -87,7 +89,7 @@ class Job:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Its fields without the folders of this machine, which are private; a hash identifies the scene."""
+        """Its fields without the folders of this machine, which are private; hashes identify scene and robot."""
         return {**asdict(self), "scene": self.scene_name, "robot": Path(self.robot).name}
 
     @property

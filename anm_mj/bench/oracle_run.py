@@ -17,7 +17,7 @@ from anm_mj.utils.files import write_text
 from anm_mj.utils.read_file import convert
 
 _MEASURE = "policy.measure="
-_SHARED = ("scene_hash", "start_pose", *PLATFORM)
+_SHARED = ("scene_hash", "start_pose", "robot_hash", *PLATFORM)
 """What a run must share with the oracle's for its poses to be worth a try."""
 
 

@@ -8,7 +8,7 @@ one policy, one robot, drive, pose and sensor, one start and one seed. Scenes ma
 import itertools
 import math
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -90,6 +90,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
     """
     jobs: dict[str, Job] = {}
     scenes: dict[str, Scene] = {}
+    hashes: dict[str, str] = {}
     sweeps, provided = read_sweeps(path)
     lists = ("scenes", "policies", "seeds", *AXES)
     num_runs = sum(max(each.starts, 1) * math.prod(len(getattr(each, key)) for key in lists) for each in sweeps)
@@ -109,11 +110,30 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
             # A robot's file may lie beside the comparison's.
             files = {robot: path.parent / robot for robot in sweep.robot}
             robots = [str(file.resolve()) if os.path.isfile(file) else robot for robot, file in files.items()]
+            hashes |= {robot: _robot_hash(robot) for robot in robots if robot not in hashes}
+            _require_apart(hashes)
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
-                robot_path(job.robot)
-                jobs[job.name] = job
+                own = replace(job, robot_hash=hashes[job.robot])
+                jobs[own.name] = own
     return list(jobs.values())
+
+
+def _robot_hash(robot: str) -> str:
+    """Of a robot's file; empty for a name. Raises RobotError if there is no such robot, or its file cannot be read."""
+    from anm_mj.robot.description import file_hash
+
+    path = robot_path(robot)
+    return file_hash(path) if os.path.isfile(robot) else ""
+
+
+def _require_apart(hashes: Mapping[str, str]) -> None:
+    """Raises BenchError where robots of one file name differ; ``hashes`` by robot."""
+    first: dict[str, str] = {}
+    for robot, found in hashes.items():
+        other = first.setdefault(Path(robot).name, robot)
+        if hashes[other] != found:
+            raise BenchError(f"The robots {other} and {robot} would share the names of their results; rename one file.")
 
 
 def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) -> Scene:

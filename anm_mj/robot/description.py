@@ -132,12 +132,7 @@ def describe_robot(
     is changed. Raises RobotError if the file cannot be read, lacks a part, or does not move over a floor.
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
-    try:
-        spec = given or read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
-    except OutsideError as err:
-        raise RobotError(f"The robot {path} is not read: {err}.") from err
-    except (ValueError, OSError) as err:
-        raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
+    spec = given or _read(path)
     name_all(spec.bodies, "body")
     name_all(spec.joints, "joint")
     # A URDF's base, fused with the world, would be gone.
@@ -221,11 +216,30 @@ def describe_robot(
         support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
         centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[base.root] + T_base_world[:3, 3],
         reduced_mjcf=reduced_mjcf(model, data, base.root, base.T_world_base, T_base_camera, base.sides, base.track_m),
-        hash=hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest(),
+        hash=_hash(spec, model),
         key_frame=key_frame,
         locked=tuple(locked),
         notes=tuple(notes),
     )
+
+
+def file_hash(path: Path) -> str:
+    """What tells a robot's file, with its meshes, from other files. Raises RobotError if it cannot be read."""
+    spec = _read(path)
+    return _hash(spec, _compiled(spec, path))
+
+
+def _read(path: Path) -> mujoco.MjSpec:
+    try:
+        return read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+    except OutsideError as err:
+        raise RobotError(f"The robot {path} is not read: {err}.") from err
+    except (ValueError, OSError) as err:
+        raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
+
+
+def _hash(spec: mujoco.MjSpec, model: mujoco.MjModel) -> str:
+    return hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)

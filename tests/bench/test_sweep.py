@@ -4,7 +4,6 @@ import inspect
 import json
 import math
 import re
-from pathlib import Path
 
 import pytest
 
@@ -12,6 +11,7 @@ from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, ConfigError, SceneError
 from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.scene.folder import load_scene
+from tests.robots import ROVER_XML
 from tests.scene.small import make_small_scene
 
 
@@ -107,7 +107,7 @@ def test_policies_that_ask_no_map_are_those_that_drop_it_unread():
 
 
 def test_robot_drive_pose_and_sensor_vary(tmp_path):
-    (tmp_path / "rover.xml").write_text((Path(__file__).parents[1] / "rover.xml").read_text())
+    (tmp_path / "rover.xml").write_text(ROVER_XML.read_text())
     text = 'scenes = ["home"]\npolicies = ["gvg"]\ndrive = "physics"\npose = ["true", "odometry"]\n'
     jobs = jobs_of(tmp_path, text + 'sensor = ["exact", "d435i"]\nrobot = ["diff_drive", "rover.xml"]\n')
     assert len({job.name for job in jobs}) == len(jobs) == 8
@@ -117,6 +117,22 @@ def test_robot_drive_pose_and_sensor_vary(tmp_path):
     assert (config.robot, config.drive, config.pose) == (job.robot, "physics", "odometry")
     assert config.sensor.name == "d435i"
     assert job.facts["robot"] == "rover.xml"
+    assert {bool(job.robot_hash) for job in jobs if job.robot != "diff_drive"} == {True}
+    assert {job.robot_hash for job in jobs if job.robot == "diff_drive"} == {""}
+
+
+def test_a_robot_that_was_edited_is_another(tmp_path):
+    text, other = ROVER_XML.read_text(), tmp_path / "other"
+    file = 'scenes = ["home"]\npolicies = ["gvg"]\nrobot = ["rover.xml"]\n'
+    (tmp_path / "rover.xml").write_text(text)
+    (before,), (again,) = jobs_of(tmp_path, file), jobs_of(tmp_path, file)
+    (tmp_path / "rover.xml").write_text(text.replace('fovy="60"', 'fovy="70"'))
+    (after,) = jobs_of(tmp_path, file)
+    assert before.name == again.name != after.name
+    other.mkdir()
+    (other / "rover.xml").write_text(text)
+    with pytest.raises(BenchError, match=r"would share the names of their results; rename one file"):
+        jobs_of(tmp_path, file.replace('["rover.xml"]', '["rover.xml", "other/rover.xml"]'))
 
 
 def test_names_of_former_comparisons_stay(tmp_path):
