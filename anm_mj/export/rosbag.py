@@ -98,6 +98,8 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
     timeline = Timeline(run)
     colour = image_intrinsics(run) if kept_images(run) else None
     mounts = [np.linalg.inv(pose_matrix(each.pose)) @ each.T_world_camera @ T_LINK_CAMERA.T for each in run.frames]
+    # A late image shows what the robot saw from where it was then. When it looks first, it stands.
+    mounts = [mounts[0] if each.image_age_s else own for each, own in zip(run.frames, mounts, strict=True)]
     is_fixed = all(np.abs(T - mounts[0]).max() < _STILL for T in mounts)
     begin = run.frames[0].time_s
     static = [(BASE, LINK, mounts[0])] if is_fixed else []
@@ -107,6 +109,12 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
             continue
         now = frame.time_s
         links = [(MAP, ODOM, np.eye(4)), to.base_link(ODOM, BASE, frame.pose)]
+        if frame.image_age_s:
+            then, T_world_base = (
+                frame.image_time_s,
+                frame.T_world_camera @ T_LINK_CAMERA.T @ np.linalg.inv(mounts[index]),
+            )
+            to.write("/tf", then, to.transforms(then, [(MAP, ODOM, np.eye(4)), (ODOM, BASE, T_world_base)]))
         to.write("/tf", now, to.transforms(now, links if is_fixed else [*links, (BASE, LINK, mounts[index])]))
         to.write("/odom", now, to.odometry(now, ODOM, BASE, frame.pose))
         _write_depth(run, frame, to)
@@ -128,10 +136,10 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
 
 
 def _write_depth(run: Run, frame: FrameRecord, to: _BagMessages) -> None:
-    depth_mm, now = run.depth_mm(frame), frame.time_s
-    to.write("/camera/depth/image_raw", now, to.image(now, CAMERA, depth_mm))
-    calibration = to.camera_info(now, CAMERA, _depth_intrinsics(run, *depth_mm.shape))
-    to.write("/camera/depth/camera_info", now, calibration)
+    depth_mm, taken = run.depth_mm(frame), frame.image_time_s
+    to.write("/camera/depth/image_raw", taken, to.image(taken, CAMERA, depth_mm))
+    calibration = to.camera_info(taken, CAMERA, _depth_intrinsics(run, *depth_mm.shape))
+    to.write("/camera/depth/camera_info", taken, calibration)
 
 
 def _depth_intrinsics(run: Run, rows: int, cols: int) -> Intrinsics:
@@ -143,8 +151,8 @@ def _depth_intrinsics(run: Run, rows: int, cols: int) -> Intrinsics:
 
 
 def _write_colour(run: Run, frame: FrameRecord, camera: Intrinsics, to: _BagMessages) -> None:
-    data, now = np.frombuffer(run.picture_bytes(run.folder.image(frame.step)), np.uint8), frame.time_s
-    header = to.header(now, CAMERA)
+    data, taken = np.frombuffer(run.picture_bytes(run.folder.image(frame.step)), np.uint8), frame.image_time_s
+    header = to.header(taken, CAMERA)
     image = to.make("sensor_msgs/msg/CompressedImage", header=header, format="rgb8; jpeg compressed ", data=data)
-    to.write("/camera/color/image_raw/compressed", now, image)
-    to.write("/camera/color/camera_info", now, to.camera_info(now, CAMERA, camera))
+    to.write("/camera/color/image_raw/compressed", taken, image)
+    to.write("/camera/color/camera_info", taken, to.camera_info(taken, CAMERA, camera))

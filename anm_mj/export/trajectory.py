@@ -12,7 +12,8 @@ def export_tum(run: Run, out: Path) -> list[Path]:
     """``trajectory_camera.tum`` and ``trajectory_base.tum``: ``time_s x y z qx qy qz qw`` per frame of known pose."""
     camera, base = out / "trajectory_camera.tum", out / "trajectory_base.tum"
     with writing(camera):
-        camera.write_text("".join(f"{camera_line(frame.time_s, frame.T_world_camera)}\n" for frame in run.posed_frames))
+        lines = (camera_line(frame.image_time_s, frame.T_world_camera) for frame in run.posed_frames)
+        camera.write_text("".join(f"{line}\n" for line in lines))
         base.write_text(read_text(run.folder.trajectory))
     return [camera, base]
 

@@ -220,7 +220,8 @@ def _frame(line: FrameShape) -> FrameRecord:
     moving = {"people": tuple(line.people), "vacuums": tuple(line.vacuums), "doors": tuple(line.doors)}
     covariance = None if found is None else found.covariance_xy_m2
     judged = is_lost, is_mapped, found is not None and found.closes_loop
-    return FrameRecord(line.step, line.time_s, *poses, *judged, **moving, chair=line.chair, covariance_xy_m2=covariance)
+    seen = {"chair": line.chair, "covariance_xy_m2": covariance, "image_age_s": line.image_age_s}
+    return FrameRecord(line.step, line.time_s, *poses, *judged, **moving, **seen)
 
 
 def _step(line: StepShape) -> StepShape:

@@ -34,3 +34,10 @@ class FrameRecord:
     """Of each leaf of a door: x and y of the hinge [m], yaw [rad], length [m]."""
     covariance_xy_m2: tuple[float, float, float] | None = None
     """Of the camera's place in the plane, by localisation: xx, xy, yy [m^2]; None without."""
+    image_age_s: float = 0.0
+    """How long before ``time_s`` the image was taken, by its stamp, as is the pose of the camera [s]."""
+
+    @property
+    def image_time_s(self) -> float:
+        """The stamp of the image [s]."""
+        return self.time_s - self.image_age_s

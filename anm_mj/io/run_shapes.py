@@ -36,6 +36,8 @@ class FrameShape(PoseShape):
 
     step: Count
     time_s: Number
+    image_age_s: Number = 0.0
+    """Only of late images."""
     true: PoseShape | None = None
     """Only where it differs from the believed one."""
     people: list[tuple[Length, Length, Number, Number, Number]] = []

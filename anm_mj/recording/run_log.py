@@ -99,6 +99,9 @@ class RunLog:
             "time_s": observation.time_s,
             **_where(observation.pose, observation.T_world_camera),
         }
+        # Nothing was seen before the clock of the simulation began.
+        if age_s := min(observation.image_age_s, observation.time_s):
+            line["image_age_s"] = age_s
         if true is not None:
             line["true"] = _where(true.pose, true.T_world_camera)
         if true is not None and true.people is not None:

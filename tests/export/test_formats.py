@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree
 
@@ -21,6 +22,7 @@ from anm_mj.cli.main import main
 from anm_mj.export import formats
 from anm_mj.export.formats import FORMATS, export_run
 from anm_mj.export.rosbag import export_rosbag
+from anm_mj.export.trajectory import export_tum
 from anm_mj.export.wall_clock import began_s, on_wall_clock
 from anm_mj.frames import pixel_directions, pose_matrix, transform_points
 from anm_mj.io.bag_poses import FrameTree
@@ -297,6 +299,29 @@ def test_a_camera_that_moves_on_its_robot_is_no_static_frame(run, tmp_path):
     for frame in frames:
         found = tree.pose("camera_optical_frame", "map", frame.time_s)
         np.testing.assert_allclose(found, frame.T_world_camera, atol=1e-9)
+
+
+def test_late_images_have_the_times_and_poses_at_which_they_were_taken(run, tmp_path):
+    T_base_camera = np.linalg.inv(pose_matrix(run.frames[0].pose)) @ run.frames[0].T_world_camera
+    late = [run.frames[0]]
+    for before, frame in pairwise(run.frames):
+        seen_from = pose_matrix(before.pose) @ T_base_camera
+        late.append(dataclasses.replace(frame, T_world_camera=seen_from, image_age_s=0.04))
+    late_run = dataclasses.replace(run, frames=tuple(late))
+    export_rosbag(late_run, tmp_path)
+    told = _read_bag(tmp_path / "rosbag")[0]
+    tree = _tree(told)
+    assert tree.track["camera_link"].static
+    stamps = [message.header.stamp for message in told["/camera/depth/image_raw"]]
+    taken_s = [stamp.sec + stamp.nanosec * 1e-9 for stamp in stamps]
+    np.testing.assert_allclose(taken_s, [frame.time_s - frame.image_age_s for frame in late], atol=1e-6)
+    for frame in late:
+        found = tree.pose("camera_optical_frame", "map", frame.image_time_s)
+        np.testing.assert_allclose(found, frame.T_world_camera, atol=1e-9)
+        at = tree.pose("base_link", "map", frame.time_s)
+        np.testing.assert_allclose(at, pose_matrix(frame.pose), atol=1e-9)
+    (path, _) = export_tum(late_run, tmp_path)
+    np.testing.assert_allclose(np.loadtxt(path)[:, 0], taken_s, atol=1e-6)
 
 
 def test_times_of_a_recording(run, run_folder, tmp_path, capsys):
