@@ -174,7 +174,7 @@ class _Mapping:
         known = KnownClasses(policy_class(config.policy).__module__)
         if stored is not None:
             lay_over(stored, roots, known)
-            self.folder.metrics.unlink(missing_ok=True)
+            self.folder.drop_results()
         self.checkpointer = Checkpointer(
             CheckpointStore(self.folder.checkpoints),
             config.checkpoint,
@@ -193,7 +193,7 @@ class _Mapping:
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
         files = [*self._log.files, *self._cameras]
         said = facts_of(self._sequence, self._config, self._map.backend.name, files, self.wall_s)
-        since = self.checkpointer.last_step or 0
+        since = self.checkpointer.synced_step
         new = [self.folder.depth(record.step) for record in self.state.records if record.step >= since]
         return said, [*(file.path for file in files), *new]
 

@@ -91,9 +91,7 @@ def resume(
         before = (stored.facts["files"], stored.step)
         with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
             lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
-            # What the interruption left would pass for the run's, if this is killed.
-            for path in (folder.metrics, folder.map, folder.explored, folder.mesh):
-                path.unlink(missing_ok=True)
+            folder.drop_results()
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:
                 log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})

@@ -127,7 +127,7 @@ def run_loop(
             "files": recorder.log_sizes,
             "wall_s": time.perf_counter() - begin,
         }
-        return said, recorder.written_since(checkpointer.last_step or 0)
+        return said, recorder.written_since(checkpointer.synced_step)
 
     checkpointer = Checkpointer(
         CheckpointStore(folder.checkpoints),

@@ -11,6 +11,7 @@ import trimesh
 from anm_mj.cli.main import main
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.own_sequence import SequenceWriter
+from anm_mj.map_sequence import _Mapping
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
 
@@ -105,7 +106,9 @@ def test_what_was_mapped_before_an_error_is_kept(sequence, tmp_path, capsys):
     "options",
     [(), *(pytest.param(words, marks=pytest.mark.slow) for words in (("--shadow",), ("--shadow", "--track")))],
 )
-def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(sequence, tmp_path, capsys, options):
+def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(
+    sequence, tmp_path, capsys, monkeypatch, options
+):
     """Images that were missing come back; the maps are the same, byte for byte."""
     folder, out, whole = tmp_path / "walk", tmp_path / "out", tmp_path / "whole"
     shutil.copytree(sequence, folder)
@@ -123,7 +126,16 @@ def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(seq
     assert "The sequence is not the one that" in " ".join(capsys.readouterr().err.split())
     for path in tmp_path.glob("*.png"):
         path.rename(folder / "rgb" / path.name)
+    map_frame, had_map = _Mapping.map_frame, []
+
+    def spy(*arguments) -> bool:
+        had_map.append((out / "map.safetensors").exists())
+        return map_frame(*arguments)
+
+    monkeypatch.setattr(_Mapping, "map_frame", spy)
     assert main([*words, "--resume", str(out)]) == 0
+    # If it is killed now, the map of the first five frames does not pass for that of more.
+    assert had_map == [False] * 11
     for name in ("frames.jsonl", "trajectory.tum", "map.safetensors", "mesh.ply"):
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
     assert [plan["reason"] for plan in read_jsonl(out / "plans.jsonl")] == [

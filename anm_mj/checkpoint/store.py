@@ -126,6 +126,8 @@ class Checkpointer:
         self._store, self._config, self._roots, self._facts, self._known = store, config, roots, facts, known
         self.last_step = resumed_at
         """Step of the last checkpoint; None before the first."""
+        self.synced_step = -1 if resumed_at is None else resumed_at
+        """Up to here, what must be on the disk is there; -1 before the first."""
         self._enabled = config.every_steps > 0
         self._thread: threading.Thread | None = None
         self._failed: OSError | None = None
@@ -206,6 +208,7 @@ class Checkpointer:
             for path in files:
                 sync(path)
             self.num_bytes = self._store.complete(step, draft)
+            self.synced_step = step
         except OSError as err:
             self._lose(step, err)
         self.spent_s += time.thread_time() - begin

@@ -7,6 +7,7 @@ import numpy as np
 
 from anm_mj.errors import RunFolderError
 from anm_mj.export.floor_plan import survey_of
+from anm_mj.io.changes_file import read_changes
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, titled
 from anm_mj.io.write import writing
@@ -26,13 +27,16 @@ def export_figures(run: Run, out: Path) -> list[Path]:
 
 
 def topdown_of(run: Run) -> ShownFigure:
-    """A run's top-down map. Raises RunFolderError if it has none."""
+    """A run's top-down map, with what changed since a run before it. Raises RunFolderError if it has none, or a file is
+    damaged.
+    """
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
     return topdown_figure(
         survey_of(run),
         [frame.pose for frame in run.posed_frames],
         target_xy_m=np.array(targets[-1], dtype=np.float64) if targets else None,
         title=titled(run.folder, _metrics(run)),
+        changes=read_changes(run.folder.changed_voxels),
     )
 
 

@@ -1,11 +1,10 @@
 """``explored.safetensors``: what a later run needs beside the map to go on from a run.
 
 Numbers only, in the safetensors format: pixels of keyframes to replay, where the robot was, where it collided, and what
-its policy remembered. Beside it, ``changes.json`` and ``changes.npz``: what that run finds to have changed.
+its policy remembered.
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,9 +13,8 @@ import numpy as np
 from anm_mj.errors import RunFolderError
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.sequence import require_count
-from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
-from anm_mj.types import ExploredState, SurfaceChange
+from anm_mj.types import ExploredState
 from anm_mj.utils.files import atomic_write, write_tensors
 from anm_mj.utils.read_file import parse_json, read_tensors
 
@@ -67,26 +65,6 @@ def read_explored(path: Path) -> Explored:
         raise RunFolderError(f"{path} cannot be read: it lacks {err}; explore again.") from err
     except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); explore again.") from err
-
-
-def write_changes(summary: Path, voxels: Path, changes: Sequence[SurfaceChange]) -> None:
-    """Write what a continued run found to be gone or new. ``changes.json`` has one entry per piece of surface, largest
-    first, ``changes.npz`` the centres of all their voxels. Raises RunFolderError if they cannot be written.
-    """
-    entries = [
-        {
-            "kind": change.kind,
-            "low_m": change.box_m[0].round(3).tolist(),
-            "high_m": change.box_m[1].round(3).tolist(),
-            "voxels": len(change.xyz_m),
-        }
-        for change in changes
-    ]
-    xyz_m = np.concatenate([np.zeros((0, 3)), *(change.xyz_m for change in changes)]).astype(np.float32)
-    number = np.repeat(np.arange(len(changes)), [len(change.xyz_m) for change in changes])
-    with writing(voxels), atomic_write(voxels) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, xyz_m=xyz_m, change=number.astype(np.int32))
-    write_json(summary, {"changes": entries})
 
 
 def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

@@ -72,7 +72,7 @@ class RunFolder:
     covered_before = _Member("covered_before.npz")
     """Of a run that goes on from another one: how near each sample of the true surface had been seen before."""
     changes = _Member("changes.json")
-    """Of such a run: surface that is gone or new since then (:func:`anm_mj.io.explored_file.write_changes`)."""
+    """Of such a run: surface that is gone or new since then (:mod:`anm_mj.io.changes_file`)."""
     changed_voxels = _Member("changes.npz")
     """The voxels of these changes."""
     checkpoints = _Member("checkpoint")
@@ -109,6 +109,13 @@ class RunFolder:
             if not needed.is_file():
                 raise RunFolderError(f"{path} is not the folder of a run: it has no {needed.name}.")
         return folder
+
+    def drop_results(self) -> None:
+        """Delete what stands for the finished run: what an interruption left would pass for it if the run, resumed, is
+        killed.
+        """
+        for path in (self.metrics, self.map, self.explored, self.mesh):
+            path.unlink(missing_ok=True)
 
     def plan(self, step: int) -> Path:
         """What the decision after ``step`` actions was read from (:mod:`anm_mj.io.plan_file`)."""

@@ -18,7 +18,8 @@ from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
 from anm_mj.evaluation.people_metrics import surface_lost_percent
 from anm_mj.evaluation.run_evaluation import quality_of_mesh, trajectory_metrics, without_cap_cm, write_curve
 from anm_mj.events import Ended
-from anm_mj.io.explored_file import Explored, write_changes, write_explored
+from anm_mj.io.changes_file import write_changes
+from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import write_plan
 from anm_mj.io.read_run import read_json, read_run, titled

@@ -100,6 +100,26 @@ def test_the_state_is_what_it_was_when_the_checkpoint_was_taken(store):
     assert not store.newest().arrays[0].any()
 
 
+def test_what_a_failed_checkpoint_was_to_force_to_the_disk_is_left_to_the_next(store, monkeypatch):
+    checkpointer = make(store, {"root": [1]}, every_steps=1)
+    assert checkpointer.synced_step == -1
+    checkpointer.after_step(0, 0.0)
+    checkpointer._wait()
+    assert checkpointer.synced_step == 0
+
+    def full(step, draft):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "complete", full)
+        checkpointer.after_step(5, 1e6)
+        checkpointer._wait()
+    assert (checkpointer.last_step, checkpointer.synced_step) == (5, 0)
+    checkpointer.after_step(9, 1e6)
+    checkpointer._wait()
+    assert checkpointer.synced_step == 9
+
+
 def make(store, roots, **settings):
     return Checkpointer(store, CheckpointConfig(**settings), lambda: roots, lambda: ({}, []), KnownClasses())
 

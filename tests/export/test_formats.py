@@ -20,17 +20,20 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
 from anm_mj.export import formats
+from anm_mj.export.figures import topdown_of
 from anm_mj.export.formats import FORMATS, export_run
 from anm_mj.export.rosbag import export_rosbag
 from anm_mj.export.trajectory import export_tum
 from anm_mj.export.wall_clock import began_s, on_wall_clock
 from anm_mj.frames import pixel_directions, pose_matrix, transform_points
 from anm_mj.io.bag_poses import FrameTree
+from anm_mj.io.changes_file import write_changes
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.types import SurfaceChange
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room_plan
 from tests.replay.conftest import box_run
 
@@ -366,6 +369,18 @@ def test_figures(out):
     _, _, across, down = map(float, ElementTree.parse(out / "topdown.svg").getroot().attrib["viewBox"].split())
     # The margins differ by some pixels.
     assert across / down == pytest.approx(width / height, rel=0.02)
+
+
+def test_the_figure_shows_what_changed_since_a_run_before(run_folder, tmp_path):
+    shutil.copytree(run_folder, tmp_path / "run")
+    folder = RunFolder(tmp_path / "run")
+    gone = SurfaceChange("gone", np.array([[0.5, 0.5, 0.4], [0.6, 0.5, 0.4]]), 0.1)
+    write_changes(folder.changes, folder.changed_voxels, [gone])
+    said = [text.get_text() for text in topdown_of(read_run(folder.path)).legends[0].get_texts()]
+    assert "gone since the prior run" in said
+    assert "gone since the prior run" not in [
+        text.get_text() for text in topdown_of(read_run(run_folder)).legends[0].get_texts()
+    ]
 
 
 def test_every_format_is_tested_here(out):
