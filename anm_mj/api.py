@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.config import make_config
-from anm_mj.errors import AnmError, MapError
+from anm_mj.errors import AnmError, MapError, RunFolderError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.run_folder import RunFolder
@@ -130,10 +130,13 @@ class LoadedRun:
         return read_curve(self.content.folder.curve)
 
     def depth_m(self, step: int) -> np.ndarray:
-        """Reduced depth of the observation after ``step`` actions [m]; NaN where nothing was measured. Raises
-        RunFolderError if the image is missing or damaged.
+        """Reduced depth of the observation after ``step`` actions, or of a recorded frame by its number [m]; NaN where
+        nothing was measured. Raises RunFolderError if there is none, or the image is missing or damaged.
         """
-        depth_mm = self.content.depth_mm(self.content.frames[step])
+        frame = next((frame for frame in self.content.frames if frame.step == step), None)
+        if frame is None:
+            raise RunFolderError(f"{self.content.folder.path} has no observation {step}; its frames.jsonl names all.")
+        depth_mm = self.content.depth_mm(frame)
         return np.where(depth_mm > 0, depth_mm / np.float32(1e3), np.float32(np.nan)).astype(np.float32)
 
     def data_frame(self) -> Any:

@@ -11,7 +11,7 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
@@ -60,6 +60,9 @@ _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 @dataclass(frozen=True)
 class RunConfig(SimulationConfig):
     """All that decides how a run goes, apart from the scene's content and the versions of the programs."""
+
+    COMMAND: ClassVar[str] = "explore"
+    """What of ``anm-mj`` makes such a run, and resumes it."""
 
     policy: str = DEFAULT_POLICY
     """What decides where to go, by its name or as ``module:Class``."""

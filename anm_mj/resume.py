@@ -97,7 +97,7 @@ def resume(
                 log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
             begin -= float(stored.facts.get("wall_s", 0.0))
-            with of_stored_state(stored), saying_how_to_go_on(folder):
+            with of_stored_state(stored), saying_how_to_go_on(folder, parts.config):
                 return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 

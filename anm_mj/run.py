@@ -71,12 +71,12 @@ def run_with(
     malloc_trim()
     recorder = RunRecorder(folder, surface, parts.true_view, config.record, before=before)
     state = state or LoopState(config.planning.patience_steps)
-    with recorder, saying_how_to_go_on(folder):
+    with recorder, saying_how_to_go_on(folder, parts.config):
         return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
 @contextmanager
-def saying_how_to_go_on(folder: RunFolder) -> Iterator[None]:
+def saying_how_to_go_on(folder: RunFolder, config: RunConfig) -> Iterator[None]:
     """Add to the error of a folder that cannot be written any more how the run goes on from its checkpoint. Raises
     RunFolderError if the block raised one.
     """
@@ -85,7 +85,7 @@ def saying_how_to_go_on(folder: RunFolder) -> Iterator[None]:
     except RunFolderError as err:
         if not any(folder.checkpoints.glob("*.checkpoint")):
             raise
-        raise RunFolderError(f"{err} Then go on with: anm-mj explore --resume {folder.path}") from err
+        raise RunFolderError(f"{err} Then go on with: anm-mj {config.COMMAND} --resume {folder.path}") from err
 
 
 class _StateKeeper:

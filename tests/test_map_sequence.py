@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from anm_mj.api import load_run
 from anm_mj.cli.main import main
+from anm_mj.errors import RunFolderError
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.map_sequence import _Mapping
@@ -86,6 +88,22 @@ def test_wrong_options_are_one_sentence(sequence, tmp_path, capsys, options, wor
     assert main(["map", str(sequence), "--out", str(tmp_path / "out"), *options]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_left_an_image_out_is_read_by_all(sequence, tmp_path, capsys):
+    folder, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(sequence, folder)
+    (folder / "depth" / "000005.png").write_bytes(b"")
+    assert main(["map", str(folder), "--out", str(out), "--preset", "quick"]) == 0
+    assert [line["step"] for line in read_jsonl(out / "frames.jsonl")] == [*range(5), *range(6, 16)]
+    assert main(["view", str(out), "--export-html", str(tmp_path / "replay.html")]) == 0
+    assert main(["export", str(out), "--format", "all", "--out", str(tmp_path / "exported")]) == 0
+    assert main(["map", str(out), "--out", str(tmp_path / "again"), "--preset", "quick"]) == 0
+    assert len(read_jsonl(tmp_path / "again" / "frames.jsonl")) == 15
+    run = load_run(out)
+    assert np.nanmax(run.depth_m(6)) > 0.5
+    with pytest.raises(RunFolderError, match="no observation 5"):
+        run.depth_m(5)
 
 
 def test_what_was_mapped_before_an_error_is_kept(sequence, tmp_path, capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.cli.command_line import Report
@@ -86,7 +87,12 @@ def version() -> str:
 
 
 def without_folders(text: str) -> str:
-    """A text in which every absolute path is cut down to its last part."""
+    """A text in which every absolute path is cut down to its last part, and the folder one works in and one's home to
+    nothing: these may have blanks, where others end.
+    """
+    for folder, word in ((Path.cwd(), "."), (Path.home(), "~")):
+        # Not the root, which is in every path.
+        text = text.replace(str(folder), word) if len(folder.parts) > 1 else text
     return _LAST.sub(lambda match: "…" + match[0][match[0].rindex("/") :], _FOLDER.sub("…/", text))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from anm_mj.cli.command_line import Option, Report
-from anm_mj.cli.explore import show_run
+from anm_mj.cli.explore import refuse_beside_resume, show_run
 from anm_mj.cli.map import topics_by_role
 from anm_mj.cli.option_types import Count, NewFolder, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
@@ -23,7 +23,7 @@ def drive(
     namespace: Annotated[str, Option("NAME")] = "",
     topic: Annotated[Sequence[str], Option("ROLE=NAME")] = (),
     steps: Count | None = None,
-    pose: Literal["odometry", "slam"] = "slam",
+    pose: Literal["odometry", "slam"] | None = None,
     dry: bool = False,
     wait: bool = False,
     settings: Settings = (),
@@ -40,7 +40,7 @@ def drive(
         namespace: of the robot's topics (ros.namespace)
         topic: topic for colour, depth, camera, odometry or command, where several fit; may be repeated
         steps: budget of discrete actions, turns included (default: 2000)
-        pose: slam corrects the odometry by localisation in the map
+        pose: slam (the default) corrects the odometry by localisation in the map
         dry: do not drive: only map, and show what would be done
         wait: begin at the command start on explore/command
         settings: any setting of config.json, those of the robot too (ros.NAME); may be repeated
@@ -56,9 +56,8 @@ def drive(
     from anm_mj.ros.drive_config import DriveConfig
 
     if resume is not None:
-        given = {"--out": out, "--steps": steps, "--topic": topic, "--set": settings, "--namespace": namespace}
-        for flag in [flag for flag, value in given.items() if value] + [f"--{name}" for name in options]:
-            raise ConfigError(f"--resume goes on with the run as it was set up; leave out {flag}.")
+        own = {"out": out, "namespace": namespace, "topic": topic, "steps": steps, "pose": pose, "dry": dry}
+        refuse_beside_resume(drive, {**own, "settings": settings, **options})
         return show_run(functools.partial(go_on, resume, waits=wait), verbose=verbose, live=True)
     topics = topics_by_role(topic)
     if strange := sorted(topics.keys() - _ROLES):
@@ -69,7 +68,7 @@ def drive(
         [*named, *settings],
         kind=DriveConfig,
         scene=LIVE,
-        pose=pose,
+        pose=pose or "slam",
         steps=STEPS if steps is None else steps,
         dry=dry,
         **options,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -102,7 +102,7 @@ def explore(
         from anm_mj.resume import resume as resume_run
 
         policy = setup.pop("policy", None)
-        _refuse(scene=scene, out=out, **setup)
+        refuse_beside_resume(explore, {"scene": scene, "out": out, **setup})
         title = resume.resolve().name
         start = functools.partial(resume_run, resume, policy=policy)
     else:
@@ -116,11 +116,11 @@ def explore(
     return show_run(start, title if view else None, port, verbose=verbose)
 
 
-def _refuse(**given: Any) -> None:
-    """Raises ConfigError for whatever was given beside ``--resume``."""
-    flags = {one.name: one.flag for one in arguments(explore)}
+def refuse_beside_resume(command: Callable[..., Any], given: Mapping[str, Any]) -> None:
+    """Raises ConfigError for whatever was given to a command beside ``--resume``, by the names of its arguments."""
+    flags = {one.name: one.flag for one in arguments(command)}
     for name, value in given.items():
-        if value is not None:
+        if value is not None and value is not False and value not in ("", ()):
             what = flags[name] or f"the {name}"
             raise ConfigError(f"--resume goes on with the run as it was set up; leave out {what}.")
 

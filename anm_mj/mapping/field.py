@@ -198,7 +198,7 @@ class Field:
         """Double the table while the scene is large for it; every place keeps the features it has learnt.
 
         The optimiser starts afresh, as its moments belong to an engine; that happens a few times in a run at most.
-        ``surface_volume_m3`` is that of the occupancy grid's blocks that hold surface.
+        ``surface_volume_m3`` is that of the occupancy grid's blocks that hold surface. An engine without a table stays.
         """
         while True:
             field = self.config.field
@@ -206,6 +206,8 @@ class Field:
             if field.log2_table_size >= field.largest_log2_table_size or wanted <= 1 << field.log2_table_size:
                 return
             parameters = self.backend.parameters()
+            if "table" not in parameters:
+                return
             parameters["table"] = doubled_table(parameters["table"], field)
             good = self._good
             if good is not None:

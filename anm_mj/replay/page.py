@@ -115,8 +115,11 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
 
 
 def _bounds_m(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Corners of what is to be seen: the surface without shards far beyond a window, and all places of the robot."""
-    xyz = np.pad(timeline.xy_m, ((0, 0), (0, 1)))
+    """Corners of what is to be seen: the surface without shards far beyond a window, and all places of the robot that
+    it knew.
+    """
+    known = timeline.xy_m if timeline.is_lost.all() else timeline.xy_m[~timeline.is_lost]
+    xyz = np.pad(known, ((0, 0), (0, 1)))
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     if mesh is not None and len(mesh.vertices_m):
         low = np.minimum(low, np.percentile(mesh.vertices_m, SHARDS_PERCENT, axis=0))

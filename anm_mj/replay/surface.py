@@ -120,7 +120,8 @@ def first_seen(
     first = np.full(len(points), -1)
     waiting = np.arange(len(points))
     for index, frame in enumerate(run.frames):
-        if len(waiting):
+        # Where a lost camera is taken to be, it may never have been.
+        if len(waiting) and not frame.is_lost:
             depth_m = run.depth_mm(frame).astype(np.float32) / 1000.0
             seen = _seen(points[waiting], depth_m, run.intrinsics, frame.T_world_camera)
             first[waiting[seen]] = index

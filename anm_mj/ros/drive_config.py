@@ -1,7 +1,7 @@
 """Settings of a run on a live robot."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 from anm_mj.config import RunConfig
 from anm_mj.errors import ConfigError, RobotError
@@ -71,6 +71,8 @@ class RosConfig(Settings, group="ros", error=RobotError):
 @dataclass(frozen=True)
 class DriveConfig(RunConfig):
     """All that decides how a run on a live robot goes, apart from the robot and its surroundings."""
+
+    COMMAND: ClassVar[str] = "drive"
 
     ros: RosConfig = field(default_factory=RosConfig)
     dry: bool = False

@@ -128,11 +128,7 @@ def read_npy(path: Path, max_mib: float = MAX_ARRAY_MIB) -> np.ndarray:
     OSError if the file cannot be read, and ValueError if it is no such file, damaged, or larger than ``max_mib`` [MiB].
     """
     with open_regular(path) as file:
-        try:
-            size_mib = _array_bytes(file) / 2**20
-        # NumPy reads a header that is no text of Python once more as one of Python 2.
-        except (tokenize.TokenError, SyntaxError) as err:
-            raise ValueError(f"its header is damaged ({err})") from err
+        size_mib = _array_bytes(file) / 2**20
         if size_mib > max_mib:
             raise ValueError(f"its array of {size_mib:.0f} MiB is more than the {max_mib:g} MiB that are read")
         file.seek(0)
@@ -191,5 +187,9 @@ def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:
 def _array_bytes(file: Any) -> int:
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(file)
+    try:
+        shape, _, dtype = read(file)
+    # NumPy reads a header that is no text of Python once more as one of Python 2.
+    except (tokenize.TokenError, SyntaxError) as err:
+        raise ValueError(f"its header is damaged ({err})") from err
     return int(np.prod(shape, dtype=object)) * dtype.itemsize

@@ -88,7 +88,7 @@ class LiveView:
         self._mesh_step: int | None = None
         self._whole_mesh_step = 0
         logger.info("Watch the run at %s", self._server.url)
-        there = f"{getpass.getuser()}@{socket.gethostname()}"
+        there = _user() + socket.gethostname()
         port = self._server.port
         logger.info("On another machine, run first: ssh -L %d:127.0.0.1:%d %s", port, port, there)
 
@@ -234,6 +234,14 @@ class LiveView:
 
     def _property(self, path: str, key: str, value: object) -> None:
         self._server.publish(SetProperty(key, value, Path().append(path)))
+
+
+def _user() -> str:
+    """The user's name with @, for ssh; empty for one whom the system does not know, as in containers."""
+    try:
+        return f"{getpass.getuser()}@"
+    except (KeyError, OSError):
+        return ""
 
 
 def _end(event: Ended) -> str:

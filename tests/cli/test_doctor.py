@@ -53,6 +53,16 @@ def test_a_report_holds_versions_and_no_folders():
     assert f"numpy {metadata.version('numpy')}" in text
 
 
+def test_a_report_names_neither_the_working_folder_nor_the_user(tmp_path, monkeypatch):
+    home, work = tmp_path / "Anna Smith", tmp_path / "Anna Smith" / "secret project"
+    work.mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(work)
+    text = report_text([Check("disk", State.GOOD, f"9 GiB free in {work}", f"Delete {home}/old maps.")])
+    assert not [word for word in ("Anna", "Smith", "secret", "project") if word in text]
+    assert "free in . Delete" in text
+
+
 def test_summary_names_faults():
     printed = _printed([Check("torch", State.BAD, "not installed", "Install it."), Check("disk", State.GOOD, "9 GiB")])
 

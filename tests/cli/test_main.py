@@ -96,6 +96,14 @@ def test_a_resumed_run_takes_no_options_of_a_new_one(capsys, tmp_path, words):
     assert f"leave out {left}." in fails(capsys, "explore", "--resume", tmp_path, *words)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["--dry"], ["--pose", "slam"], ["--return"], ["--steps", "3"], ["--topic", "depth=x"], ["--set", "image_px=32"]],
+)
+def test_a_resumed_run_of_a_live_robot_drives_as_it_was_set_up(capsys, tmp_path, words):
+    assert f"leave out {words[0]}." in fails(capsys, "drive", "--resume", tmp_path, *words)
+
+
 def test_a_folder_that_merely_has_a_scenes_name_does_not_hide_the_catalogue(tmp_path, monkeypatch):
     from anm_mj.scene.folder import load_scene
 

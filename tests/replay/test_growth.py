@@ -20,6 +20,12 @@ def test_a_wall_appears_when_the_camera_turns_to_it(run_folder):
     assert 115.0 < yaw[1] < 160.0
 
 
+def test_a_lost_camera_has_seen_nothing(run_folder):
+    run = read_run(run_folder)
+    lost = replace(run, frames=tuple(replace(frame, is_lost=frame.step < 3) for frame in run.frames))
+    assert first_seen(lost, np.array([[2.0, 0.2, 1.2]])).tolist() == [3]
+
+
 def test_what_no_frame_saw_appears_with_its_neighbour(run_folder):
     hidden = np.array([[2.0, 0.2, 1.2], [2.4, 0.2, 1.2]])
     assert first_seen(read_run(run_folder), hidden).tolist() == [0, 0]

@@ -11,7 +11,7 @@ from PIL import Image
 from anm_mj.io.run_shapes import FrameShape
 from anm_mj.scene.folder import SceneShape
 from anm_mj.utils.picture import open_picture
-from anm_mj.utils.read_file import convert, is_below, parse_json, read_bytes, read_npz
+from anm_mj.utils.read_file import convert, is_below, parse_json, read_bytes, read_npy, read_npz
 from tests.corpus.hostile import fifo, npz_bomb, pickled_npz, png
 
 ANYTHING = st.recursive(
@@ -53,6 +53,17 @@ def test_bombs_and_pickles_are_refused(make, says, tmp_path):
     make(tmp_path / "x.npz", ("a",))
     with pytest.raises(ValueError, match=says):
         read_npz(tmp_path / "x.npz")
+
+
+def test_a_damaged_header_of_an_array_is_an_error_of_the_file(tmp_path):
+    header = b"{'descr': '<f8', ((( '".ljust(118)
+    array = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+    (tmp_path / "x.npy").write_bytes(array)
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        archive.writestr("a.npy", array)
+    for read, name in ((read_npy, "x.npy"), (read_npz, "x.npz")):
+        with pytest.raises(ValueError, match="header"):
+            read(tmp_path / name)
 
 
 def test_an_archive_without_arrays_holds_none(tmp_path):

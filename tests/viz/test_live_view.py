@@ -429,3 +429,14 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         assert browser.evaluate("getComputedStyle(document.getElementById('ended')).color") == CALM
         assert browser.evaluate(text("step")) == "29 of at most 500"
         assert browser.problems == []
+
+
+def test_a_user_whom_the_system_does_not_know_watches_too(monkeypatch, caplog):
+    def unknown() -> str:
+        raise KeyError("getpwuid(): uid not found: 1234")
+
+    monkeypatch.setattr("getpass.getuser", unknown)
+    caplog.set_level("INFO")
+    LiveView(port=0).close()
+    said = next(record.getMessage() for record in caplog.records if "ssh -L" in record.getMessage())
+    assert "@" not in said

@@ -194,7 +194,9 @@
     camera.matrixAutoUpdate = false;
     camera.matrix.fromArray(cameras, 16 * frame);
     camera.matrixWorldNeedsUpdate = true;
-    robot.children.concat(camera.children).forEach((child) => { if (child !== screen) child.visible = !lost.has(frame); });
+    robot.children.concat(camera.children).forEach((child) => {
+      child.visible = !lost.has(frame) && (child !== screen || Boolean(texture.image));
+    });
     trajectory.geometry.setDrawRange(0, 6 * frame);
     if (truth) truth.geometry.setDrawRange(0, 6 * frame);
     const said = [];
@@ -234,7 +236,7 @@
     if (!screen) return;
     texture.image = event.target;
     texture.needsUpdate = true;
-    screen.visible = true;
+    screen.visible = !lost.has(Number(element("slider").value));
     viewer.set_dirty();
   });
 

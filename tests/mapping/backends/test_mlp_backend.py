@@ -87,6 +87,15 @@ def test_a_saved_network_answers_as_before(config, room, tmp_path):
     np.testing.assert_array_equal(loaded.sdf(points), learnt.sdf(points))
 
 
+def test_a_network_without_a_table_stays_as_it_is_however_large_the_scene(config, room):
+    learnt = NeuralMap(config, seed=0, device="cpu")
+    learnt.integrate(room.observe(1.5, 1.5, 0.4))
+    before = learnt.field.backend.parameters()
+    learnt.field.fit_table(1e9)
+    after = learnt.field.backend.parameters()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+
+
 def test_evidence_is_refused_because_it_needs_the_decoders():
     with pytest.raises(MapError, match=r"uncertainty\.method is 'last_layer_variance'; engine mlp has no"):
         MappingConfig(engine="mlp", uncertainty=UncertaintyConfig("last_layer_variance"))
