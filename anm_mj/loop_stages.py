@@ -146,11 +146,14 @@ def give_way(action: Action, robot: Robot, mapper: Mapper, state: LoopState) -> 
     if state.waited % state.patience_steps == 0 and isinstance(mapper, FindsMoved):
         mapper.hold_moved(np.array([held_disc(thing, robot.footprint, seen.pose, seen.time_s)]))
         state.follower.drop()
+    state.follower.put_off()
     return Action.WAIT
 
 
 def doubt_stop(plan: Plan, mapper: Mapper, state: LoopState) -> Plan:
     """A wait in place of an end of the run that something which moves about may have caused, or what is left of it."""
+    if plan.actions == (Action.WAIT,):
+        return plan  # It was put off before, by a policy that would return to the start.
     if plan.stop not in (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET):
         state.doubted_stops = 0
         return plan

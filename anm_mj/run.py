@@ -1,5 +1,6 @@
 """One run, from a configuration to a run folder: lets ``explore`` loop over the parts, and writes what it brought."""
 
+import functools
 import math
 import sys
 import time
@@ -20,6 +21,7 @@ from anm_mj.io.manifest import manifest
 from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json, write_json
+from anm_mj.loop_stages import doubt_stop
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.return_to_start import ReturnToStart
@@ -140,6 +142,8 @@ def run_loop(
     for observer in observers:
         observer.on_event(Started(folder.path, config.steps, lambda: recorder.completion, parts.robot.footprint))
     robot = AnticipatingRobot(parts.robot, state)
+    if isinstance(parts.policy, ReturnToStart):
+        parts.policy.confirm = functools.partial(doubt_stop, state=state)
     keeper = _StateKeeper(checkpointer, config.steps)
     followers = (robot, recorder, *observers, keeper)
     ended = explore(
@@ -163,7 +167,7 @@ def run_loop(
         mapper.finish()
         # It holds the optimiser twice.
         malloc_trim()
-    left = _what_is_left(parts, recorder, ended)
+    left = _what_is_left(parts, recorder, _where_it_was(recorder, ended, is_lost=state.lost_steps > 0))
     back = None, None
     if isinstance(parts.policy, ReturnToStart):
         explored_steps, poses = None if interrupted else parts.policy.explored_steps, recorder.poses
@@ -185,20 +189,20 @@ def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> d
     return roots if parts.localiser is None else {**roots, "localiser": parts.localiser}
 
 
-def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> Plan:
+def _what_is_left(parts: Parts, recorder: RunRecorder, seen: Observation) -> Plan:
     """The planning stages of the paper's policy, run once on the final map along the trajectory of the whole run."""
     stages = RegionStages(parts.config.planning, parts.robot.footprint)
     if recorder.prior is not None:
         stages.continue_from(recorder.prior)
     for pose in recorder.poses:
         stages.topdown.visit(pose.xy_m)
-    return stages.read(parts.mapper, _where_it_was(recorder, ended)).plan("what is left")
+    return stages.read(parts.mapper, seen).plan("what is left")
 
 
-def _where_it_was(recorder: RunRecorder, ended: Ended) -> Observation:
+def _where_it_was(recorder: RunRecorder, ended: Ended, *, is_lost: bool) -> Observation:
     """The last observation; of a robot that is lost, where it last knew that it was, or where the prior run ended."""
     seen = ended.observation
-    if ended.stop_reason is not StopReason.LOST:
+    if not is_lost:
         return seen
     if recorder.poses:
         return replace(seen, pose=recorder.poses[-1])

@@ -163,7 +163,7 @@ def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> Fi
 def _somewhere(config: RunConfig, scene: Scene, robot: SimRobot) -> RunConfig:
     """Place the robot where the seed says; the configuration with that start."""
     start = sample_start(scene, robot.footprint, np.random.default_rng([config.seed, 31]))
-    robot.place(start)
+    robot.restart(start)  # People keep away from where the robot begins.
     return replace(config, start=(start.x_m, start.y_m, math.degrees(start.yaw_rad)))
 
 

@@ -1,6 +1,7 @@
 """What a policy hears of."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 from unittest.mock import Mock
 
@@ -10,6 +11,8 @@ import pytest
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.loop_stages import doubt_stop, give_way, learn
 from anm_mj.loop_state import LoopState
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.protocols import FindsMoved, Mapper, Policy, Robot
 from anm_mj.sensing.moving_things import MovingThing
 from anm_mj.types import Action, Footprint, MapUpdate, Plan, Pose2, StopReason
@@ -65,6 +68,19 @@ def test_a_robot_waits_patiently_and_then_takes_what_moves_or_stands_for_an_obst
     assert state.waited == 0
 
 
+def test_a_fixed_action_that_a_wait_puts_off_comes_again():
+    robot, mapper = Mock(spec=Robot, footprint=Footprint(0.18, 0.05, 1.35)), Mock(spec=FindingMapper)
+    state, here = state_before(AHEAD), Pose2(0.0, 0.0, 0.0)
+    state.follower.start(Plan("", np.zeros((0, 2)), actions=(Action.MOVE_FORWARD, Action.TURN_LEFT)))
+
+    wanted = state.follower.next_action(here)
+    assert give_way(wanted, robot, mapper, state) is Action.WAIT
+    state.things.things = []
+    wanted = state.follower.next_action(here)
+    assert give_way(wanted, robot, mapper, state) is Action.MOVE_FORWARD
+    assert state.follower.next_action(here) is Action.TURN_LEFT
+
+
 def test_a_robot_turns_whoever_is_near():
     assert (
         give_way(Action.TURN_LEFT, Mock(spec=Robot), Mock(spec=FindingMapper), state_before(AHEAD)) is Action.TURN_LEFT
@@ -81,6 +97,19 @@ def test_a_run_does_not_end_because_somebody_stands_there_nor_wait_for_ever(stop
 
     assert [plan.stop for plan in decisions] == [None, None, None, stop, stop]
     assert all(plan.actions == (Action.WAIT,) for plan in decisions[:3])
+
+
+def test_the_drive_home_does_not_begin_because_somebody_stands_there():
+    state, mapper = state_before(AHEAD), Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
+    mapper.doubt_moved.return_value = False
+    explorer = Mock(spec=Policy, plan=Mock(return_value=Plan("done", stop=StopReason.COMPLETE)))
+    policy = ReturnToStart(explorer, PlanningConfig(), Footprint(0.18, 0.05, 1.35), None)
+    policy.confirm = partial(doubt_stop, state=state)
+    # The loop doubts the plan once more, which must not forget how often it was put off.
+    plans = [doubt_stop(policy.plan(mapper, state.observation), mapper, state) for _ in range(4)]
+
+    assert [plan.actions for plan in plans[:3]] == [(Action.WAIT,)] * 3
+    assert plans[3].stop is StopReason.COMPLETE
 
 
 def test_a_run_ends_where_nothing_moves_or_an_error_ends_it():

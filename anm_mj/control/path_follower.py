@@ -43,6 +43,11 @@ class Follower:
         """Abandon the plan: the next call of ``next_action`` returns None."""
         self._plan = None
 
+    def put_off(self) -> None:
+        """The last action was not executed: a fixed one comes next again."""
+        if self.has_fixed_actions:
+            self._steps -= 1
+
     def next_action(self, pose: Pose2) -> Action | None:
         """The next action of the plan from a pose; None once the plan is done, outdated or dropped."""
         plan = self._plan

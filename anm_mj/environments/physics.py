@@ -60,18 +60,18 @@ class RobotPhysics(control.Physics):
     def place(self, scene: Scene, pose: Pose2, seed: int) -> None:
         """Reset the simulation to time 0 with the robot at rest at a pose; another scene than before is loaded first.
 
-        ``seed`` is that of the sensor's errors. Raises SceneError if the scene cannot be built, or the robot does not
-        fit at the pose, and RenderError if no GL back-end works.
+        ``seed`` is that of the sensor's errors, and of where people begin and go. Raises SceneError if the scene cannot
+        be built, or the robot does not fit at the pose, and RenderError if no GL back-end works.
         """
-        if self._robot is not None and scene is self._scene:
-            self._robot.restart(pose, seed=seed)
-            return
-        self.close()
-        robot = make_robot(scene, self._config, start=pose, seed=seed)
-        self._scene = scene
-        # Free GL before the interpreter unloads its modules, also in programs that never call ``close``.
-        self._close = weakref.finalize(self, robot.close)
-        self._robot = robot
+        if self._robot is None or scene is not self._scene:
+            self.close()
+            # People keep the bodies that they were made with: those of one seed, whatever episodes there were before.
+            robot = make_robot(scene, self._config, start=pose)
+            self._scene = scene
+            # Free GL before the interpreter unloads its modules, also in programs that never call ``close``.
+            self._close = weakref.finalize(self, robot.close)
+            self._robot = robot
+        self.robot.restart(pose, seed=seed)
 
     def set_control(self, control: Action | Twist) -> None:
         """Set the action, or the velocity, of the next step."""

@@ -19,6 +19,7 @@ from anm_mj.evaluation.rerender import explored_scene, observe_at
 from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_views
 from anm_mj.frames import back_project
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
+from anm_mj.io.explored_file import read_explored
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
@@ -83,6 +84,9 @@ def candidate_poses(places_m: Float[np.ndarray, "n 2"], seed: int) -> list[Pose2
 def _novel_views(record: Run, world: Scene, seed: int) -> Iterator[Observation]:
     """The simulator's views at novel poses that are clear of obstacles."""
     trajectory = np.array([frame.true_pose.xy_m for frame in record.frames])
+    if record.manifest.get("continued_from") and record.folder.explored.is_file():
+        # The map also holds what the run before it saw.
+        trajectory = np.concatenate([trajectory, read_explored(record.folder.explored).prior.poses[:, :2]])
     places = scene_area(world, DEFAULT_FOOTPRINT).places(1)
     is_novel = KDTree(trajectory).query(places)[0] > FAR_M
     novel = set(map(tuple, places[is_novel].tolist()))

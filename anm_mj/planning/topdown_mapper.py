@@ -272,6 +272,7 @@ class TopDownMapper:
         if len(cells):
             z_min_m, z_max_m = self.footprint.z_min_m, self.footprint.z_max_m
             heights = np.arange(z_min_m + 0.05, z_max_m + 1e-6, self.config.sdf_height_spacing_m)
+            heights = heights if len(heights) else np.array([0.5 * (z_min_m + z_max_m)])
             centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
             points = np.empty((len(cells), len(heights), 3))
             points[..., :2] = (grid.origin_m[:2] + centres * grid.resolution_m)[:, None]

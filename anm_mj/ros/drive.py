@@ -61,7 +61,8 @@ def drive(
         is_over: whether the user wants an end, for the waits within a step.
         observers: see :func:`anm_mj.run.run`.
     """
-    begin, state, followers = time.perf_counter(), LoopState(), _Followers()
+    begin, followers = time.perf_counter(), _Followers()
+    state = LoopState(config.planning.patience_steps)
     with _parts(config, observers, followers=followers, state=state, waits=waits, is_over=is_over) as parts:
         return run_with(parts, begin, out=out, observers=(*observers, followers), state=state)
 

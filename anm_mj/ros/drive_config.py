@@ -85,5 +85,10 @@ class DriveConfig(RunConfig):
         super().__post_init__()
         if self.pose == "true":
             raise ConfigError("--pose is 'true', which nobody knows of a live robot; give odometry or slam.")
+        if not self.ros.low_m < self.ros.height_m:
+            raise ConfigError(
+                f"ros.height_m is {self.ros.height_m:g} and ros.low_m {self.ros.low_m:g}: the robot would drive over "
+                "what is as high as itself; give a lower ros.low_m."
+            )
         if needs_truth(self.policy):
             raise ConfigError(f"Policy {self.policy} needs the true scene, which a live robot has not; choose another.")

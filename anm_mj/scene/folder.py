@@ -24,7 +24,7 @@ from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import checked_triangles
 from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
-from anm_mj.utils.files import home_folder
+from anm_mj.utils.files import home_folder, write_text
 from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import convert, read_npz, read_toml
 
@@ -158,8 +158,7 @@ def _user_root() -> Path:
 def remembered_folders() -> list[Path]:
     """Existing scene folders that were made elsewhere, the latest last; none if the list cannot be read."""
     try:
-        lines = (_user_root() / INDEX).read_text(encoding="utf-8").splitlines()
-        return [Path(line) for line in lines if line and (Path(line) / TOML).is_file()]
+        return [folder for folder in _recorded_folders() if (folder / TOML).is_file()]
     except (OSError, UnicodeDecodeError):
         return []
 
@@ -174,12 +173,19 @@ def remember_folder(folder: Path) -> None:
     root, temporary = _user_root(), Path(tempfile.gettempdir()).resolve()
     if temporary in folder.parents or folder.parent in [place.resolve() for place in _scene_roots()]:
         return
-    kept = [place for place in remembered_folders() if place != folder]
     try:
+        # Also those on disks that are not mounted at the moment.
+        kept = [place for place in _recorded_folders() if place != folder]
         root.mkdir(parents=True, exist_ok=True)
-        (root / INDEX).write_text("".join(f"{place}\n" for place in [*kept, folder]), encoding="utf-8")
-    except OSError as err:
-        _logger.info("%s is not recorded among the scenes (%s)", folder, err.strerror)
+        write_text(root / INDEX, "".join(f"{place}\n" for place in [*kept, folder]))
+    except (OSError, UnicodeDecodeError) as err:
+        _logger.info("%s is not recorded among the scenes (%s)", folder, err)
+
+
+def _recorded_folders() -> list[Path]:
+    """Folders of the record, which may be gone. Raises OSError or UnicodeDecodeError if it cannot be read."""
+    index = _user_root() / INDEX
+    return [Path(line) for line in index.read_text("utf-8").splitlines() if line] if index.is_file() else []
 
 
 def _scene_folders(root: Path) -> list[Path]:

@@ -113,6 +113,8 @@ def write_scene(
     triangles = vertices[faces]
     arrays: dict[str, Any] = {"vertices": vertices, "faces": faces}
     solid_triangles = None
+    # Where all that collides was left out, the robot meets what is drawn.
+    obstacles = obstacles or None
     if obstacles is not None:
         solid_vertices, solid_faces = _single(obstacles)
         solid_triangles = solid_vertices[solid_faces]

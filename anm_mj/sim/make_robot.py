@@ -33,6 +33,7 @@ def make_robot(
     config: SimulationConfig | None = None,
     *,
     start: Pose2 | None = None,
+    must_fit: bool = True,
     knows_start: bool = True,
     anticipates: bool = False,
     forgets_textures: bool = False,
@@ -44,6 +45,7 @@ def make_robot(
         scene: the world.
         config: what the robot is made of; None = the defaults.
         start: start pose; None = the one of the configuration.
+        must_fit: whether the robot must be clear of obstacles at its start.
         knows_start: as of :class:`~.sim_robot.SimRobot`.
         anticipates: whether it may move and render the next image while the present one is worked on, where there are
             cores for both; motions and images are the same.
@@ -80,7 +82,7 @@ def make_robot(
     from anm_mj.sim.views_ahead import AheadCamera
 
     description = describe_file(path, config.model, config.camera, config.image_px)
-    start = _start_pose(scene, start or config.start_pose, description.footprint)
+    start = _start_pose(scene, start or config.start_pose, description.footprint, must_fit=must_fit)
     crowd, added, people, radius_m = None, "", config.people, description.footprint.radius_m
     if people.num_bodies:
         crowd = Crowd(people, WalkingFloor(scene), start.xy_m, radius_m, config.seed)
@@ -139,8 +141,12 @@ def make_robot(
     )
 
 
-def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:
-    """The given start, or the first one of the scene; raises SceneError if the robot cannot stand there."""
+def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint, *, must_fit: bool) -> Pose2:
+    """The given start, or the first one of the scene; raises SceneError if the robot must be able to stand there, and
+    is not.
+    """
+    if not must_fit:
+        return start or next(iter(scene.starts), Pose2(0.0, 0.0, 0.0))
     if start is None:
         if not scene.starts:
             raise SceneError(f"Scene {scene.name} names no start pose; give one (x, y, yaw).")

@@ -16,6 +16,7 @@ from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
+from anm_mj.sim.render_mesh import are_static_meshes, visible_geoms
 from anm_mj.types import Pose2
 from anm_mj.utils.raycast import embree_installed
 
@@ -90,7 +91,9 @@ class SceneViews:
         if self._backend.name == "off":
             return None
         size = (_COMPARED_PX, _COMPARED_PX)
-        caster = (EmbreeCamera if embree_installed() else MujocoRayCamera)(self._model, "eye", *size)
+        # Embree sees static meshes only.
+        embree = embree_installed() and are_static_meshes(self._model, visible_geoms(self._model, moved=False))
+        caster = (EmbreeCamera if embree else MujocoRayCamera)(self._model, "eye", *size)
         with (
             GlCamera(self._model, "eye", *size, cull_face=False) as both,
             GlCamera(self._model, "eye", *size, cull_face=True) as one,

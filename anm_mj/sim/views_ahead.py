@@ -217,7 +217,9 @@ class ViewsAhead:
         done = len(self._coming) - self._camera.num_begun
         self._spare += [one.data for one in self._coming[:done]]
         del self._coming[:done]
-        return next((said for depth_m, number, said in self._measured if depth_m is exact_m and number == frame), None)
+        # A copy, made in one go: the camera's thread appends meanwhile.
+        found = tuple(self._measured)
+        return next((said for depth_m, number, said in found if depth_m is exact_m and number == frame), None)
 
     def give_up(self, keep: int = 0) -> None:
         """Forget the actions that were begun, but for the first ``keep``."""

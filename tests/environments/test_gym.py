@@ -27,6 +27,17 @@ _OPTIONS = {"scene": "home", "image_px": 32, "num_steps": 6}
 _ROOT = Path(__file__).resolve().parents[2]
 
 
+def test_people_look_the_same_whatever_episodes_there_were_before():
+    pictures = []
+    for seeds in ((5,), (1, 5)):
+        env = gymnasium.make(_ID, **_OPTIONS, people=2)
+        for seed in seeds:
+            seen, _ = env.reset(seed=seed)
+        pictures.append([seen["rgb"], *(env.step(2)[0]["rgb"] for _ in range(4))])
+        env.close()
+    np.testing.assert_array_equal(*pictures)
+
+
 @pytest.fixture
 def env():
     env = gymnasium.make(_ID, render_mode="rgb_array", **_OPTIONS)

@@ -43,6 +43,15 @@ def walked(crowd: Crowd, robot_xy_m, duration_s: float) -> np.ndarray:
     return np.array(places)
 
 
+def test_who_stood_in_a_doorway_goes_on_from_there(floor, scene):
+    crowd = crowd_of(floor, scene, number=1, blocked_s=2.0)
+    stood = crowd.xy_m[0].copy()
+    places = walked(crowd, scene.starts[0].xy_m, 12.0)[:, 0]
+    still = np.linalg.norm(places - stood, axis=1) < 0.01
+    assert still[: round(1.9 / PERIOD_S)].all()
+    assert np.linalg.norm(places[round(5.0 / PERIOD_S)] - stood) > 0.3
+
+
 def test_people_walk_on_the_floor_and_touch_nobody(floor, scene):
     robot = scene.starts[0].xy_m
     places = walked(crowd_of(floor, scene, number=3, longest_stand_s=2.0), robot, 60.0)

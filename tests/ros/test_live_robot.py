@@ -4,15 +4,20 @@ import math
 import re
 import threading
 import time
+from contextlib import nullcontext
+from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from anm_mj.errors import ConfigError, RobotError
 from anm_mj.frames import wrap_angle
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.protocols import Robot
 from anm_mj.ros import names
 from anm_mj.ros.connect import Connection, connect
+from anm_mj.ros.drive import drive
 from anm_mj.ros.drive_config import DriveConfig, RosConfig
 from anm_mj.ros.node import Node
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2
@@ -126,6 +131,23 @@ def test_it_stops_for_a_fault_and_goes_on_when_it_is_over(fake, live, caplog, br
     assert re.search(said, record), record
 
 
+def test_an_end_that_comes_while_it_waits_for_an_image_is_no_fault_of_the_camera(fake, live):
+    live.robot.observe()
+    live.robot.act(Action.TURN_LEFT)
+    seen = live.robot.observe()
+    fake.broken.add("images")
+    time.sleep(0.3)
+    live.robot.act(Action.WAIT)
+    live.robot.is_over = lambda: True
+    try:
+        again = live.robot.observe()
+    finally:
+        live.robot.is_over = lambda: False
+    assert again.step == seen.step + 1
+    assert again.time_s >= seen.time_s
+    np.testing.assert_allclose(again.pose.xy_m, seen.pose.xy_m, atol=0.01)
+
+
 def test_depth_ahead_stops_it_where_the_map_knows_nothing(fake: FakeRosRobot, live: Connection):
     live.robot.observe()
     fake.obstacle_m = T_BASE_CAMERA[0, 3] + 0.2
@@ -215,6 +237,20 @@ def test_senses_that_do_not_fit_together_are_told(fake: FakeRosRobot):
 def _begin(wanted: DriveConfig) -> None:
     with connect(wanted, lambda: False):
         pass
+
+
+def test_a_robot_that_would_drive_over_what_is_as_high_as_itself_is_refused():
+    with pytest.raises(ConfigError, match=r"ros.height_m is 0.04 and ros.low_m 0.05"):
+        config(height_m=0.04)
+
+
+def test_the_patience_is_that_of_the_settings(monkeypatch):
+    monkeypatch.setattr("anm_mj.ros.drive._parts", lambda *_, **__: nullcontext())
+    begun = Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr("anm_mj.ros.drive.run_with", begun)
+    with pytest.raises(KeyboardInterrupt):
+        drive(replace(config(), planning=PlanningConfig(patience_steps=60)))
+    assert begun.call_args.kwargs["state"].patience_steps == 60
 
 
 def test_true_poses_and_the_oracle_are_refused():

@@ -32,6 +32,16 @@ def test_a_scene_made_elsewhere_is_found_by_name(place: Path):
     assert folder in [scene.folder for scene in list_scenes()]
 
 
+def test_scenes_on_a_disk_that_is_not_mounted_are_kept(place: Path):
+    away, other = shutil.copytree(_ROOM, place / "attic"), shutil.copytree(_ROOM, place / "cellar")
+    remember_folder(away)
+    away.rename(place / "unmounted")
+    remember_folder(other)
+    assert remembered_folders() == [other]
+    (place / "unmounted").rename(away)
+    assert remembered_folders() == [away, other]
+
+
 def test_a_scene_that_is_gone_is_forgotten(place: Path):
     folder = shutil.copytree(_ROOM, place / "attic")
     remember_folder(folder)

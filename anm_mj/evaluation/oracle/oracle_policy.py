@@ -73,7 +73,6 @@ class Oracle:
         """The last stop whose path met an obstacle."""
         self._place = 0
         """The place that the robot is at, or nearly so."""
-        self._num_frames = 0
         self._former_m = np.zeros((0, 3))
         """Surface that earlier runs saw [m]."""
 
@@ -91,7 +90,6 @@ class Oracle:
         """Track what the frames cover; the first one fixes the headings."""
         if self._planner is None:
             self._start(observation.pose)
-        self._num_frames += 1
         depth_mm = reduce_depth(observation.depth_m)
         self._coverage.add(depth_mm, observation.intrinsics, observation.T_world_camera)
 
@@ -133,8 +131,7 @@ class Oracle:
                     covered = 100.0 * (1.0 - left.mean())
                     reason = f"tour: {covered:.1f} % covered, {len(self._stops)} stops left"
                     return Plan(reason, np.zeros((0, 2)), actions=actions)
-            # One frame came before the first action, and one after each.
-            budget = max(self._scene.budget_steps - self._num_frames + 1, 0)
+            budget = max(self._scene.budget_steps - observation.step, 0)
             self._stops = self._planner.next_tour(pose, left, budget)
             self._place = self._planner.place_at(pose)
             if not self._stops:
@@ -142,9 +139,9 @@ class Oracle:
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Avoid the spot ahead and replan; retry the stop once, then skip it."""
-        del action  # Only forward moves collide.
         assert self._planner is not None, "observe comes first"
-        self._planner.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)
+        if action is Action.MOVE_FORWARD:
+            self._planner.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)
         self._place = self._planner.place_at(pose)
         if self._stop is not None and self._stop != self._retried:
             self._stops.insert(0, self._stop)

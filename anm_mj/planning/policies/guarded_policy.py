@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from anm_mj.control.path_follower import Follower
 from anm_mj.errors import AnmError, PlanError
 from anm_mj.protocols import Continues, Mapper, Policy
-from anm_mj.types import ARRIVED_M, Action, ExploredState, Observation, Plan, Pose2, StopReason
+from anm_mj.types import Action, ExploredState, Observation, Plan, Pose2, StopReason
 
 _logger = logging.getLogger(__name__)
 
@@ -121,8 +122,11 @@ def plan_fault(plan: Any, pose: Pose2) -> str | None:
         )
     if not isinstance(plan.valid_steps, int) or plan.valid_steps < 0:
         return f"valid_steps is {reprlib.repr(plan.valid_steps)}, not a whole number from 0 up"
-    if plan.actions or plan.headings_rad:
-        return None
-    if not len(path) or np.linalg.norm(path[-1] - pose.xy_m) < ARRIVED_M:
-        return "it asks for nothing: the path ends where the robot stands, and there are no headings, actions or stop"
+    follower = Follower()
+    follower.start(plan)
+    if follower.next_action(pose) is None:
+        return (
+            "it asks for nothing: the path ends where the robot stands, it looks along all headings already, and there "
+            "are no actions and no stop"
+        )
     return None

@@ -1,6 +1,7 @@
 """Brings the robot back to where it began, whatever policy explores, before the budget of steps is spent."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -41,7 +42,7 @@ class ReturnToStart:
     """A policy that ends at its start: it drives back when the exploration is over, or in time for the budget."""
 
     # A run that is resumed may have been given another budget.
-    REBUILT = ("_num_steps",)
+    REBUILT = ("_num_steps", "confirm")
 
     def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int | None) -> None:
         """Wrap a policy that explores; the budget is ``num_steps`` discrete actions. None = it is told when to end."""
@@ -50,6 +51,8 @@ class ReturnToStart:
         self._clearances_m = self._stages.safe_m, footprint.radius_m, 0.5 * footprint.radius_m
         self._num_steps = num_steps
         self._start: Pose2 | None = None
+        self.confirm: Callable[[Plan, Mapper], Plan] = lambda plan, _: plan
+        """Called with the policy's plan: puts off an end that something which moves about may have caused."""
         self._end: Plan | None = None
         """The end of the exploration; None while it goes on."""
         self._end_step = 0
@@ -75,14 +78,14 @@ class ReturnToStart:
         if self._end is not None:
             return self._go_back(mapper, observation, self._end)
         if self._num_steps is None:
-            return self._policy.plan(mapper, observation)
+            return self.confirm(self._policy.plan(mapper, observation), mapper)
         spare = self._spare_steps(mapper, observation)
         in_time = spare < 1
         if in_time:
             reason = f"exploring ends at step {observation.step} of {self._num_steps}, in time for the return"
             plan = Plan(reason, stop=StopReason.RETURNED)
         else:
-            plan = self._policy.plan(mapper, observation)
+            plan = self.confirm(self._policy.plan(mapper, observation), mapper)
         if in_time or plan.stop in ENDS:
             self._end, self._end_step = plan, observation.step
             return self._go_back(mapper, observation, plan)

@@ -3,16 +3,20 @@
 import hashlib
 import logging
 import os
+from itertools import chain
 from pathlib import Path
 
 from anm_mj.mjcf.read_mjcf import is_mjcf, named_files
 from anm_mj.scene.folder import TOML, XML
 from anm_mj.scene.importing.named_scenes import find_named, is_name
+from anm_mj.scene.importing.readers.model_path import ROS_VARIABLES, VARIABLES
 from anm_mj.utils.files import cache_folder
 
 _logger = logging.getLogger(__name__)
 
 _MAX_FILES = 2000
+FRAMES = "frames.jsonl"
+"""A folder that holds it is that of a run."""
 
 
 def folder_of(name_or_path: str) -> str:
@@ -43,10 +47,18 @@ def folder_of(name_or_path: str) -> str:
 
 
 def _state_of(path: Path) -> str:
-    """Digest of path, size and age of a file, of the files that it names, and of those beside and below it."""
+    """Digest of path, size and age of a file, of the files that it names, and of those beside and below it and in the
+    ``models`` beside its folder; and of the variables that name folders of models. Runs below it do not count.
+    """
     digest = hashlib.sha256(str(path.resolve()).encode())
+    for variable in (*VARIABLES, *(name for name, _ in ROS_VARIABLES)):
+        if variable in os.environ:
+            digest.update(f"{variable}={os.environ[variable]}\0".encode(errors="surrogateescape"))
     files = [path]
-    for parent, below, names in os.walk(path.parent):
+    for parent, below, names in chain(os.walk(path.parent), os.walk(path.parent.parent / "models")):
+        if FRAMES in names:
+            below.clear()
+            continue
         below.sort()
         files += [Path(parent) / name for name in sorted(names)]
         if len(files) > _MAX_FILES:

@@ -97,6 +97,8 @@ def import_scene(
             raise SceneError(
                 f"{src} is a floor plan, whose format fixes axes and units: leave --up, --scale and --model-path out."
             )
+        if settle or movable or groups is not None:
+            raise SceneError(f"{src} is a floor plan, no MuJoCo world: leave --settle, --movable and --groups out.")
         if only or leave_out or doors != "as-is" or storey is not None:
             raise SceneError(
                 f"{src} is a floor plan, which has one storey, open doors and no parts: leave --only, --leave-out, "

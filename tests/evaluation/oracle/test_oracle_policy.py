@@ -119,6 +119,18 @@ def test_a_stop_is_retried_after_a_collision(rooms):
     assert oracle.plan(NoMap(), seen).reason == first.reason
 
 
+def test_a_turn_that_touches_something_closes_no_spot_ahead(rooms, monkeypatch):
+    truth, area = rooms
+    oracle = oracle_for(truth, area)
+    oracle.observe(RayRobot(truth, area, Pose2(-1.5, 0.0, 0.0)).observe())
+    avoided = []
+    monkeypatch.setattr(oracle._planner, "avoid", avoided.append)
+    oracle.on_collision(Pose2(-1.5, 0.0, 0.0), Action.TURN_LEFT)
+    assert not avoided
+    oracle.on_collision(Pose2(-1.5, 0.0, 0.0), Action.MOVE_FORWARD)
+    assert len(avoided) == 1
+
+
 def test_without_the_observable_surface_there_is_no_oracle(rooms):
     truth, area = rooms
     with pytest.raises(PlanError, match="embree"):

@@ -78,6 +78,7 @@ def test_a_plan_that_can_be_executed_passes(plan):
         (wrong(stop="COMPLETE!"), "not a StopReason"),
         (wrong(path_xy_m=np.array([[0.5, 0.51]])), "asks for nothing"),
         (wrong(), "asks for nothing"),
+        (wrong(headings_rad=(HERE.yaw_rad, HERE.yaw_rad + 0.05)), "asks for nothing"),
         (wrong(path_xy_m=[[0.0, 0.0], [1.0, 1.0]]), "path_xy_m is of type list, not an array"),
         (wrong(path_xy_m=[[0.0], [1.0, 1.0]]), "path_xy_m is of type list, not an array"),
         (wrong(headings_rad=np.array([0.0, 1.0])), "not a tuple of finite numbers"),

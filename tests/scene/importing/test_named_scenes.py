@@ -136,6 +136,19 @@ def test_robocasa_composes_a_kitchen_once(monkeypatch):
         find_named("robocasa:mine")
 
 
+def test_what_decides_over_an_import_on_the_fly_is_a_part_of_its_name(tmp_path, monkeypatch):
+    src = write_world(tmp_path / "pkg" / "worlds" / "hut.xml", room_xml(2.0))
+    first = folder_of(str(src))
+    (src.parent / "runs" / "one").mkdir(parents=True)
+    (src.parent / "runs" / "one" / "frames.jsonl").write_text("{}\n")
+    assert folder_of(str(src)) == first
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path / "models"))
+    with_models = folder_of(str(src))
+    (tmp_path / "pkg" / "models").mkdir()
+    (tmp_path / "pkg" / "models" / "chair.sdf").write_text("<sdf/>")
+    assert len({first, with_models, folder_of(str(src))}) == 3
+
+
 def test_a_file_is_imported_on_the_fly_and_again_when_it_changes(tmp_path):
     src = write_world(tmp_path / "src" / "hut.xml", room_xml(2.0))
     first = folder_of(str(src))

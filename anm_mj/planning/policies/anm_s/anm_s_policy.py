@@ -30,6 +30,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from anm_mj.control.path_follower import TURN_ABOVE_RAD
+from anm_mj.frames import wrap_angle
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.borders import BORDER_WIDTH_M, borders_unknown
@@ -120,7 +122,7 @@ class AnmS:
         candidates = self._finder.find(
             now, self._guiding(now), mapper.occupancy_grid(), self.stages.topdown.trajectory_xy_m
         )
-        for best in best_first(now, candidates, self.targets, self.config.target, self._rng):
+        for best in best_first(now, candidates, self.targets, self.config.target, self._rng, self._guiding(now)):
             plan = self._go(now, candidates, int(best))
             if plan is not None:
                 self._rotated = False
@@ -150,7 +152,9 @@ class AnmS:
         leg = path[-1] - path[-2] if len(path) > 1 else np.zeros(2)
         arrival_yaw = now.pose.yaw_rad if here else math.atan2(leg[1], leg[0])
         headings = view_headings(regions, xy, arrival_yaw, self._well_in_view_rad)
-        if not len(path) or (here and not headings):
+        # A heading within half a turn step is taken already.
+        turns = any(abs(wrap_angle(heading - now.pose.yaw_rad)) > TURN_ABOVE_RAD for heading in headings)
+        if not len(path) or (here and not turns):
             for region in regions if here else ():
                 self.stages.region_finder.mark_observed(region)
             return None

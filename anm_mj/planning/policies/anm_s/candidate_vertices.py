@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +22,16 @@ UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
 
 
 def best_first(
-    now: RegionState, candidates: Candidates, targets: Targets, target: str, rng: np.random.Generator
+    now: RegionState,
+    candidates: Candidates,
+    targets: Targets,
+    target: str,
+    rng: np.random.Generator,
+    regions: Sequence[Region],
 ) -> Int[np.ndarray, " n"]:
     """The candidates from best to worst, the present target before all others.
 
-    ``target`` is how to choose, one of ``TARGETS``; ``rng`` draws the random order.
+    ``target`` is how to choose, one of ``TARGETS``; ``rng`` draws the random order; ``regions`` guide the robot.
     """
     xy, distance = now.graph.vertex_xy_m[candidates.vertex], now.paths.distance_m[candidates.vertex]
     other = np.ones(len(xy), bool)
@@ -36,7 +42,7 @@ def best_first(
     if target == "random":
         return np.lexsort((rng.random(len(xy)), failures, other))
     most = np.zeros(len(now.graph.vertex_xy_m))
-    for region in now.regions:
+    for region in regions:
         most[region.vertex] = max(most[region.vertex], region.score)
     return np.lexsort((distance, ~candidates.unvisited, -most[candidates.vertex], failures, other))
 

@@ -32,7 +32,8 @@ def unbound_shares(
     solid = (rays.state == OCCUPIED).reshape(end.shape[:3])
     before, after = np.roll(end, 1, axis=1), np.roll(end, -1, axis=1)
     solid = solid & np.roll(solid, 1, axis=1) & np.roll(solid, -1, axis=1)
-    across, up = after - before, np.gradient(end, axis=2)
+    # A single elevation tells nothing of a surface's direction: nothing is bound.
+    across, up = after - before, np.gradient(end, axis=2) if end.shape[2] > 1 else np.zeros_like(end)
     normal = np.cross(across, up)
     length = np.linalg.norm(normal, axis=3)
     solid &= (np.linalg.norm(across, axis=3) < _EDGE * distance_m.reshape(solid.shape)) & (length > 0.0)

@@ -20,8 +20,8 @@ from anm_mj.utils.read_file import read_bytes
 
 XACRO = ".xacro"
 
-_VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
-_ROS = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"))
+VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
+ROS_VARIABLES = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"))
 """Variables with folders of ROS, and where below each the packages are."""
 _LEVELS = 5
 """A ROS package keeps its worlds up to this many folders below the folder that also holds ``models``."""
@@ -69,7 +69,7 @@ def world_places(world: Path, given: Sequence[Path]) -> Places:
     folder or a few levels above it, and last Gazebo's own caches.
     """
     stated = list(given)
-    for variable, below in (*((name, ".") for name in _VARIABLES), *_ROS):
+    for variable, below in (*((name, ".") for name in VARIABLES), *ROS_VARIABLES):
         entries = [entry for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
         stated += [Path(entry).expanduser() / below for entry in entries]
     beside, above_world = [], [world.absolute().parent, *world.absolute().parent.parents][:_LEVELS]

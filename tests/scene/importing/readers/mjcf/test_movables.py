@@ -2,10 +2,17 @@
 
 import pytest
 
+from anm_mj.cli.main import main
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, Pose2
 from tests.scene.importing.readers.mjcf.worlds import room_xml, write_world
+
+
+def test_a_scene_of_movable_objects_can_be_checked(tmp_path, capsys):
+    crate = '<body name="crate" pos="1 0 0.3"><freejoint/><geom type="box" size="0.2 0.2 0.3" mass="2"/></body>'
+    scene = import_scene(write_world(tmp_path / "a.xml", room_xml() + crate), tmp_path / "out", movable=True)
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 0, capsys.readouterr()
 
 
 @pytest.mark.parametrize(("mass", "gives_way"), [(2.0, True), (2000.0, False)])
