@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Float64, Int32
 from PIL import Image
 
 from anm_mj.errors import SceneError
@@ -23,7 +23,7 @@ from anm_mj.scene.collision import collision_boxes
 from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
 from anm_mj.scene.importing.canonical_axes import covered_share
 from anm_mj.scene.importing.readers.import_report import some
-from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
+from anm_mj.scene.mjcf import BOX_TOP_M, Drawn, scene_mjcf, write_msh
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.navigable import NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.room_segmentation import segment_rooms
@@ -34,6 +34,10 @@ _logger = logging.getLogger(__name__)
 
 _NARROWEST_FLOOR_M = 0.3
 """The robot's wheels need more [m]; tops of walls have less."""
+_NOTHING = np.full((1, 3), np.inf)
+"""Stands for an object that has no surface."""
+_OVERLAP_M = 0.03
+"""Collision boxes are up to a cell thicker than what they hold [m]."""
 _PNG_COMPRESSION = 3
 """Four times as fast as Pillow's default, with files a few per cent larger."""
 
@@ -127,7 +131,10 @@ def write_scene(
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
         # A scan may have no wall that submeshes a room from the open.
         rooms = rooms or len(segment_rooms(triangles, area).area_m2) or None
+    solid = obstacles or proper
+    movables = _standing_free(movables, solid)
     moving = [movable.part for movable in movables]
+    boxes = _fixed_boxes(solid, moving)
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
         **{key: getattr(info, key) for key in ("name", "source", "licence", "up", "up_how", "scale", "scale_how")},
@@ -144,9 +151,6 @@ def write_scene(
         "movables": moving or None,
         "hash": _content_hash(proper, obstacles or [], movables),
     }
-    fixed = [submesh for submesh in obstacles or proper if not is_within(submesh.part, moving)]
-    fixed_vertices, fixed_faces = _single(fixed) if fixed else (vertices, faces[:0])
-    boxes = collision_boxes(fixed_vertices[fixed_faces])
     with replaced_folder(out) as folder:
         drawn = _write_assets(proper, folder / ASSETS)
         mjcf = scene_mjcf(info.name, drawn, boxes, bounds, movables)
@@ -154,6 +158,40 @@ def write_scene(
         np.savez_compressed(folder / GEOMETRY, **arrays)
         (folder / TOML).write_text(_toml(entries), encoding="utf-8")
     return read_scene_folder(out)
+
+
+def _fixed_boxes(solid: list[Submesh], moving: list[str]) -> Float64[np.ndarray, "n 4"]:
+    """Collision boxes of all but the parts that move."""
+    fixed = [submesh for submesh in solid if not is_within(submesh.part, moving)]
+    if not fixed:
+        return np.zeros((0, 4))
+    vertices, faces = _single(fixed)
+    return collision_boxes(vertices[faces])
+
+
+def _standing_free(movables: tuple[Movable, ...], solid: list[Submesh]) -> tuple[Movable, ...]:
+    """The movable objects that begin outside of all collision boxes; the others stay where they stand.
+
+    A box reaches from the floor to above the robot, so that what stands on a table begins within the table's box,
+    and the simulation would fling it out.
+    """
+    held: list[str] = []
+    while movables:
+        low, high = _fixed_boxes(solid, [movable.part for movable in movables]).reshape(-1, 2, 2).transpose(1, 0, 2)
+        within = []
+        for movable in movables:
+            parts = [each for each in solid if is_within(each.part, [movable.part])]
+            own = _single(parts)[0] if parts else _NOTHING
+            overlap_m = np.minimum(high, own[:, :2].max(axis=0)) - np.maximum(low, own[:, :2].min(axis=0))
+            is_low = own[:, 2].min() < BOX_TOP_M
+            within.append(bool(is_low and len(overlap_m) and overlap_m.min(axis=1).max() > _OVERLAP_M))
+        if not any(within):
+            break
+        held += [movable.part for movable, is_held in zip(movables, within, strict=True) if is_held]
+        movables = tuple(movable for movable, is_held in zip(movables, within, strict=True) if not is_held)
+    if held:
+        _logger.warning("Not movable, because they stand on or in what stays: %s.", some(dict.fromkeys(held)))
+    return movables
 
 
 def _require_width(area: NavigableArea, name: str) -> None:

@@ -1,8 +1,10 @@
 """The robot pushes what the import kept movable, and stops at what is too heavy."""
 
+import mujoco
 import pytest
 
 from anm_mj.cli.main import main
+from anm_mj.scene.build import build_model
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, Pose2
@@ -13,6 +15,22 @@ def test_a_scene_of_movable_objects_can_be_checked(tmp_path, capsys):
     crate = '<body name="crate" pos="1 0 0.3"><freejoint/><geom type="box" size="0.2 0.2 0.3" mass="2"/></body>'
     scene = import_scene(write_world(tmp_path / "a.xml", room_xml() + crate), tmp_path / "out", movable=True)
     assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 0, capsys.readouterr()
+
+
+def test_what_stands_on_furniture_stays_and_is_named(tmp_path, caplog):
+    things = (
+        '<body name="table" pos="1.2 0 0"><geom type="box" size="0.4 0.4 0.02" pos="0 0 0.7"/></body>'
+        '<body name="cup" pos="1.2 0.1 0.76"><freejoint/><geom type="cylinder" size="0.04 0.04" mass="0.2"/></body>'
+        '<body name="saucer" pos="1.2 0.1 0.81"><freejoint/><geom type="cylinder" size="0.06 0.01" mass="0.1"/></body>'
+        '<body name="crate" pos="-1 0 0.3"><freejoint/><geom type="box" size="0.2 0.2 0.3" mass="2"/></body>'
+    )
+    scene = import_scene(write_world(tmp_path / "a.xml", room_xml() + things), tmp_path / "out", movable=True)
+    assert "stand on or in what stays: cup, saucer" in caplog.text
+    model = build_model(scene)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=500)
+    assert model.njnt == 1
+    assert data.body("movable_0").xpos == pytest.approx([-1.0, 0.0, 0.3], abs=0.02)
 
 
 @pytest.mark.parametrize(("mass", "gives_way"), [(2.0, True), (2000.0, False)])
