@@ -53,6 +53,12 @@ def test_the_hash_changes_with_geometry_and_colour(tmp_path, written):
     assert len(hashes | {written.hash}) == 3
 
 
+def test_where_all_that_collides_was_left_out_the_robot_meets_what_is_drawn(tmp_path):
+    drawn, info = [_part(room())], SceneInfo("a", "tests", "CC0")
+    both = [write_scene(drawn, info, tmp_path / name, obstacles=o) for name, o in (("x", None), ("y", []))]
+    assert len({(scene.folder / "scene.xml").read_text() for scene in both}) == 1
+
+
 def test_degenerate_faces_are_left_out(tmp_path):
     mesh = room()
     faces = np.concatenate([mesh.faces, [[0, 0, 1], [5, 5, 5]]]).astype(np.int32)
