@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import time
 from itertools import combinations
 
 import numpy as np
@@ -220,7 +221,18 @@ def test_the_legend_names_what_is_drawn(browser, page, tmp_path):
         browser.open(other.as_uri(), "window.replay")
         pose = "document.getElementById('pose').textContent"
         assert browser.evaluate(pose) == "30.0 cm off, 2 sigma 40.0 cm"
+        picture = (
+            "(() => { let found = null; replay.viewer.scene.traverse((one) => { if (one.isMesh && one.material.map) "
+            "found = one; }); return found.visible; })()"
+        )
+        browser.wait(picture)
         assert browser.evaluate(f"replay.show(3); {pose}") == "lost"
+        # Neither the picture that was loaded before nor its own is drawn where the camera may never have been.
+        time.sleep(0.3)
+        assert not browser.evaluate(picture)
+        browser.keep("replay_lost")
+        browser.evaluate("replay.show(4)")
+        browser.wait(picture)
         assert browser.evaluate(words) == shown
 
 
