@@ -6,6 +6,7 @@ This module imports mujoco inside ``make_robot`` only, after the selection of th
 from __future__ import annotations
 
 import functools
+import logging
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,8 @@ from anm_mj.utils.threads import usual_num_threads
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.sim_robot import SimRobot
+
+_logger = logging.getLogger(__name__)
 
 _PREFIX = "robot/"
 _ANY_THREAD = ("egl", "osmesa", "off")
@@ -81,6 +84,12 @@ def make_robot(
     from anm_mj.sim.sim_robot import SimRobot
     from anm_mj.sim.views_ahead import AheadCamera
 
+    if idle := config.sensor.without_effect:
+        _logger.warning(
+            "%s: without effect where sensor.depth is %s; choose another sensor, or another sensor.depth.",
+            ", ".join(f"sensor.{name}" for name in idle),
+            config.sensor.depth,
+        )
     description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint, must_fit=must_fit)
     crowd, added, people, radius_m = None, "", config.people, description.footprint.radius_m

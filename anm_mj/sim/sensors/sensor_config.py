@@ -11,6 +11,12 @@ from anm_mj.utils.close_names import close_name
 from anm_mj.utils.settings import Settings, broken_limits, setting
 
 DEPTH_MODELS = ("exact", "stereo", "tof")
+_READ_BY = {
+    ("stereo", "tof"): ("lateral_sigma_px", "edge_missing", "edge_jump", "grazing_missing_deg"),
+    ("stereo",): ("baseline_m", "native_width_px", "subpixel_sigma_px", "disparity_step_px"),
+    ("tof",): ("tof_sigma_m", "tof_scale_error", "flying_share"),
+}
+"""Settings that only some depth models read."""
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
 _DEVIATIONS = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error", "color_sigma")
 _DEVIATIONS += ("exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
@@ -125,6 +131,13 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     def misses(self) -> bool:
         """Whether a pixel without depth may have looked at something: then it tells nothing about free space."""
         return self.depth != "exact"
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of settings that differ from those of the named sensor, and that its depth model does not read."""
+        usual = SENSORS.get(self.name, SensorConfig())
+        unread = set[str]().union(*(names for model, names in _READ_BY.items() if self.depth not in model))
+        return tuple(name for name in sorted(unread) if getattr(self, name) != getattr(usual, name))
 
     def scaled(self) -> SensorConfig:
         """The same with ``noise_scale`` multiplied in and set to 1; probabilities end at 1. The angle from which pixels

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -46,3 +47,17 @@ def test_twice_the_noise_is_possible(name: str):
     twice = SensorConfig(**{**vars(SENSORS[name]), "noise_scale": 2.0}).scaled()
     assert twice.noise_scale == 1.0
     assert twice.edge_missing <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("config", "idle"),
+    [
+        (SensorConfig(), ()),
+        (SensorConfig(edge_missing=0.5, color_sigma=2.0, max_range_m=4.0), ("edge_missing",)),
+        (replace(SENSORS["d435i"], edge_missing=0.1, flying_share=0.2), ("flying_share",)),
+        (replace(SENSORS["azure-kinect"], subpixel_sigma_px=0.1), ("subpixel_sigma_px",)),
+        (SENSORS["d435i"], ()),
+    ],
+)
+def test_settings_that_the_depth_model_does_not_read_are_told(config, idle):
+    assert config.without_effect == idle
