@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from anm_mj.cli.command_line import Option
 from anm_mj.cli.map import Metres, lens_distortion, topics_by_role
-from anm_mj.cli.option_types import Count, NewFolder, Settings, run_fields
+from anm_mj.cli.option_types import Count, NewFolder, Settings, require_read, run_fields
 
 NOTHING_FOUND = 1
 """Exit status where no image was found in the map."""
@@ -59,6 +59,7 @@ def localise(
     from anm_mj.localise_images import localise_images, pose_error, require_new, why_not_found, write_poses
 
     config = make_config(DEFAULT_PRESET, list(settings), scene=str(images), pose="slam", **options)
+    require_read(settings, "localisation")
     measured = None if reference is None else read_reference(reference)
     if out is not None:
         require_new(out)

@@ -29,6 +29,16 @@ Port = Annotated[int, Option("PORT", _port)]
 Settings = Annotated[Sequence[str], Option("--set NAME=VALUE")]
 
 
+def require_read(settings: Sequence[str], *read: str) -> None:
+    """Accept the settings of groups that a command reads, such as ``"model"``, and others by their names. Raises
+    ConfigError for one that has no effect.
+    """
+    for text in settings:
+        name = text.partition("=")[0].strip()
+        if not {name, name.partition(".")[0]} & set(read):
+            raise ConfigError(f"--set {name} has no effect here; this command reads settings of {', '.join(read)}.")
+
+
 def policy_names(*, has_truth: bool = True) -> Iterator[str]:
     """The names of the policies that can be used, with a few words where one has any."""
     for name, entry in policies().items():

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.cli.command_line import Report
-from anm_mj.cli.option_types import NewFile, Settings, require_ending
+from anm_mj.cli.option_types import NewFile, Settings, require_ending, require_read
 
 if TYPE_CHECKING:
     from anm_mj.robot.description import RobotDescription
@@ -34,6 +34,7 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
 
     require_ending(out, (".png",))
     config = make_config(DEFAULT_PRESET, list(settings), scene="", robot=robot)
+    require_read(settings, "model", "camera", "image_px")
     path = robot_path(robot)
     backend = select_backend()
     from anm_mj.mjcf.read_mjcf import root_tag

@@ -82,6 +82,17 @@ def test_a_wrong_option_is_named_with_its_value_and_what_would_be_right(capsys, 
     assert right in said
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["localise", "run", "images", "--set", "mapping.geometry=occupancy"],
+        ["robot", "check", "diff_drive", "--set", "image_px=64", "--set", "planning.margin_m=1"],
+    ],
+)
+def test_a_setting_that_a_command_does_not_read_is_refused(capsys, words):
+    assert f"--set {words[-1].partition('=')[0]} has no effect here" in fails(capsys, *words)
+
+
 def test_a_missing_scene_is_named(capsys):
     assert "nowhere" in fails(capsys, "explore", "nowhere")
     assert "no_such_folder" in fails(capsys, "explore", "no_such_folder/at_all")
