@@ -197,10 +197,13 @@ class MovedVoxels:
         return bool(len(places))
 
     def settle(self, voxels: VoxelArrays, frame: int) -> bool:
-        """Take for surface again what was doubted and not seen since, and what is held for free space; whether any."""
+        """Take for surface again what was doubted and not seen since, and what is held for free space; whether any.
+        Nothing is doubted afterwards.
+        """
         released = self.release(voxels, frame)
         cells, log_odds = self._unseen(voxels)
         voxels.change(cells, OCCUPIED, log_odds, frame + 1)
+        self._doubted = np.zeros((0, 3), np.int64), np.zeros(0, np.int8)
         return released or bool(len(log_odds))
 
     def is_pretended(self, voxels: VoxelArrays, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

@@ -274,6 +274,22 @@ def test_what_may_be_left_of_a_thing_is_doubted_once_until_its_place_is_seen(aft
     assert (thing_states(grid, range(42, 45)) == state).all()
 
 
+def test_what_was_doubted_and_settled_is_seen_like_all_else():
+    grid = new_grid()
+    fuse(grid, view(slice(42, 45)))
+    fuse(grid, behind_curtain(view()), 6)
+    fuse(grid, behind_curtain(view(slice(60, 76))))
+    assert grid.doubt_moved()
+    grid.settle_moved()
+    assert (thing_states(grid, range(42, 45)) == OCCUPIED).all()
+
+    # Log-odds of zero by a hit and a look through it are no doubt of before.
+    fuse(grid, view())
+    assert (thing_states(grid, range(42, 45)) == FREE).all()
+    grid.settle_moved()
+    assert (thing_states(grid, range(42, 45)) == FREE).all()
+
+
 def test_a_wall_that_many_frames_show_is_not_doubted():
     """It is so near that its pixels leave no voxel out."""
     grid = new_grid()
