@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import clearance_at
@@ -226,3 +227,11 @@ def test_the_sdf_is_asked_again_inside_the_horizon_and_never_of_obstacles():
     again = topdown_map(mapper, grid, sdf, Pose2(1.5, 1, 0))
     assert np.array_equal(asked[1], points)
     assert not np.array_equal(first.surface_xy_m, again.surface_xy_m)
+
+
+@pytest.mark.parametrize("top_m", [0.09, 1.35])
+def test_a_body_of_any_height_has_a_map(top_m):
+    world = room(4, 3)
+    mapper = TopDownMapper(PlanningConfig(horizon_m=100.0), Footprint(0.18, 0.05, top_m))
+    topdown = topdown_map(mapper, world.occupancy, world.sdf, Pose2(2.0, 1.5, 0.0))
+    assert (topdown.state == FREE).any()
