@@ -103,13 +103,15 @@ def test_the_drive_home_does_not_begin_because_somebody_stands_there():
     state, mapper = state_before(AHEAD), Mock(spec=FindingMapper, release_moved=Mock(return_value=False))
     mapper.doubt_moved.return_value = False
     explorer = Mock(spec=Policy, plan=Mock(return_value=Plan("done", stop=StopReason.COMPLETE)))
-    policy = ReturnToStart(explorer, PlanningConfig(), Footprint(0.18, 0.05, 1.35), None)
+    policy = ReturnToStart(explorer, PlanningConfig(), Footprint(0.18, 0.05, 1.35), 1000)
     policy.confirm = partial(doubt_stop, state=state)
+    policy.observe(state.observation)
     # The loop doubts the plan once more, which must not forget how often it was put off.
-    plans = [doubt_stop(policy.plan(mapper, state.observation), mapper, state) for _ in range(4)]
-
-    assert [plan.actions for plan in plans[:3]] == [(Action.WAIT,)] * 3
-    assert plans[3].stop is StopReason.COMPLETE
+    for _ in range(3):
+        assert doubt_stop(policy.plan(mapper, state.observation), mapper, state).actions == (Action.WAIT,)
+        assert policy.explored_steps is None
+    assert policy.plan(mapper, state.observation).stop is StopReason.COMPLETE
+    assert policy.explored_steps == 0
 
 
 def test_a_run_ends_where_nothing_moves_or_an_error_ends_it():

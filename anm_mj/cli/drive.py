@@ -56,8 +56,8 @@ def drive(
     from anm_mj.ros.drive_config import DriveConfig
 
     if resume is not None:
-        own = {"out": out, "namespace": namespace, "topic": topic, "steps": steps, "pose": pose, "dry": dry}
-        refuse_beside_resume(drive, {**own, "settings": settings, **options})
+        own = {"out": out, "namespace": namespace or None, "topic": topic or None, "steps": steps, "pose": pose}
+        refuse_beside_resume(drive, {**own, "dry": dry or None, "settings": settings or None, **options})
         return show_run(functools.partial(go_on, resume, waits=wait), verbose=verbose, live=True)
     topics = topics_by_role(topic)
     if strange := sorted(topics.keys() - _ROLES):

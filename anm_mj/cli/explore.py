@@ -120,7 +120,7 @@ def refuse_beside_resume(command: Callable[..., Any], given: Mapping[str, Any]) 
     """Raises ConfigError for whatever was given to a command beside ``--resume``, by the names of its arguments."""
     flags = {one.name: one.flag for one in arguments(command)}
     for name, value in given.items():
-        if value is not None and value is not False and value not in ("", ()):
+        if value is not None:
             what = flags[name] or f"the {name}"
             raise ConfigError(f"--resume goes on with the run as it was set up; leave out {what}.")
 

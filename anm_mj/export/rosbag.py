@@ -110,10 +110,8 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
         now = frame.time_s
         links = [(MAP, ODOM, np.eye(4)), to.base_link(ODOM, BASE, frame.pose)]
         if frame.image_age_s:
-            then, T_world_base = (
-                frame.image_time_s,
-                frame.T_world_camera @ T_LINK_CAMERA.T @ np.linalg.inv(mounts[index]),
-            )
+            then = frame.image_time_s
+            T_world_base = frame.T_world_camera @ T_LINK_CAMERA.T @ np.linalg.inv(mounts[index])
             to.write("/tf", then, to.transforms(then, [(MAP, ODOM, np.eye(4)), (ODOM, BASE, T_world_base)]))
         to.write("/tf", now, to.transforms(now, links if is_fixed else [*links, (BASE, LINK, mounts[index])]))
         to.write("/odom", now, to.odometry(now, ODOM, BASE, frame.pose))

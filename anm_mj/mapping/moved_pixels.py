@@ -37,6 +37,8 @@ _LEFT_M2 = 0.5
 person. Furniture hangs together with more of itself, walls or the floor of a room with far more."""
 _LIFTED = 0
 """Log-odds of surface that is doubted: those of a voxel that was never observed; any frame decides."""
+_NO_DOUBT = np.zeros((0, 3), np.int64), np.zeros(0, np.int8)
+"""Places and log-odds of nothing."""
 
 
 class MovedVoxels:
@@ -54,7 +56,7 @@ class MovedVoxels:
         """What is held: until which frame, for how many, around which discs, and the voxels."""
         self._ever: set[tuple[int, int]] = set()
         """Columns of blocks in which anything ever moved, likewise."""
-        self._doubted = np.zeros((0, 3), np.int64), np.zeros(0, np.int8)
+        self._doubted = _NO_DOUBT
         """Surface that was doubted, by x, y and z index, and the log-odds it had."""
         low, high = (round(height / occupancy.voxel_m) for height in _THING_M)
         self.heights = low, high
@@ -203,7 +205,7 @@ class MovedVoxels:
         released = self.release(voxels, frame)
         cells, log_odds = self._unseen(voxels)
         voxels.change(cells, OCCUPIED, log_odds, frame + 1)
-        self._doubted = np.zeros((0, 3), np.int64), np.zeros(0, np.int8)
+        self._doubted = _NO_DOUBT
         return released or bool(len(log_odds))
 
     def is_pretended(self, voxels: VoxelArrays, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

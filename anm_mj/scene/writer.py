@@ -34,8 +34,6 @@ _logger = logging.getLogger(__name__)
 
 _NARROWEST_FLOOR_M = 0.3
 """The robot's wheels need more [m]; tops of walls have less."""
-_NOTHING = np.full((1, 3), np.inf)
-"""Stands for an object that has no surface."""
 _OVERLAP_M = 0.03
 """Collision boxes are up to a cell thicker than what they hold [m]."""
 _PNG_COMPRESSION = 3
@@ -132,9 +130,8 @@ def write_scene(
         # A scan may have no wall that submeshes a room from the open.
         rooms = rooms or len(segment_rooms(triangles, area).area_m2) or None
     solid = obstacles or proper
-    movables = _standing_free(movables, solid)
+    movables, boxes = _standing_free(movables, solid)
     moving = [movable.part for movable in movables]
-    boxes = _fixed_boxes(solid, moving)
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
         **{key: getattr(info, key) for key in ("name", "source", "licence", "up", "up_how", "scale", "scale_how")},
@@ -169,29 +166,34 @@ def _fixed_boxes(solid: list[Submesh], moving: list[str]) -> Float64[np.ndarray,
     return collision_boxes(vertices[faces])
 
 
-def _standing_free(movables: tuple[Movable, ...], solid: list[Submesh]) -> tuple[Movable, ...]:
-    """The movable objects that begin outside of all collision boxes; the others stay where they stand.
+def _standing_free(
+    movables: tuple[Movable, ...], solid: list[Submesh]
+) -> tuple[tuple[Movable, ...], Float64[np.ndarray, "n 4"]]:
+    """The movable objects that begin outside of all collision boxes, and the boxes of all else, which stays.
 
     A box reaches from the floor to above the robot, so that what stands on a table begins within the table's box,
     and the simulation would fling it out.
     """
     held: list[str] = []
-    while movables:
-        low, high = _fixed_boxes(solid, [movable.part for movable in movables]).reshape(-1, 2, 2).transpose(1, 0, 2)
-        within = []
-        for movable in movables:
-            parts = [each for each in solid if is_within(each.part, [movable.part])]
-            own = _single(parts)[0] if parts else _NOTHING
-            overlap_m = np.minimum(high, own[:, :2].max(axis=0)) - np.maximum(low, own[:, :2].min(axis=0))
-            is_low = own[:, 2].min() < BOX_TOP_M
-            within.append(bool(is_low and len(overlap_m) and overlap_m.min(axis=1).max() > _OVERLAP_M))
-        if not any(within):
+    while True:
+        boxes = _fixed_boxes(solid, [movable.part for movable in movables])
+        within = [movable.part for movable in movables if _is_within_boxes(movable, solid, boxes)]
+        if not within:
             break
-        held += [movable.part for movable, is_held in zip(movables, within, strict=True) if is_held]
-        movables = tuple(movable for movable, is_held in zip(movables, within, strict=True) if not is_held)
+        held += within
+        movables = tuple(movable for movable in movables if movable.part not in within)
     if held:
         _logger.warning("Not movable, because they stand on or in what stays: %s.", some(dict.fromkeys(held)))
-    return movables
+    return movables, boxes
+
+
+def _is_within_boxes(movable: Movable, solid: list[Submesh], boxes: Float64[np.ndarray, "n 4"]) -> bool:
+    parts = [each for each in solid if is_within(each.part, [movable.part])]
+    if not parts or not len(boxes):
+        return False
+    own, _ = _single(parts)
+    overlap_m = np.minimum(boxes[:, 2:], own[:, :2].max(axis=0)) - np.maximum(boxes[:, :2], own[:, :2].min(axis=0))
+    return bool(own[:, 2].min() < BOX_TOP_M and overlap_m.min(axis=1).max() > _OVERLAP_M)
 
 
 def _require_width(area: NavigableArea, name: str) -> None:

@@ -100,7 +100,16 @@ def test_a_missing_scene_is_named(capsys):
 
 
 @pytest.mark.parametrize(
-    "words", [["home"], ["--steps", "3"], ["--return"], ["--set", "image_px=32"], ["--continue", "x"], ["--seed", "0"]]
+    "words",
+    [
+        ["home"],
+        ["--steps", "3"],
+        ["--return"],
+        ["--set", "image_px=32"],
+        ["--continue", "x"],
+        ["--seed", "0"],
+        ["--no-visibility-guidance"],
+    ],
 )
 def test_a_resumed_run_takes_no_options_of_a_new_one(capsys, tmp_path, words):
     left = "the scene" if words == ["home"] else words[0]

@@ -15,7 +15,7 @@ from anm_mj.utils.files import cache_folder
 _logger = logging.getLogger(__name__)
 
 _MAX_FILES = 2000
-FRAMES = "frames.jsonl"
+_FRAMES = "frames.jsonl"
 """A folder that holds it is that of a run."""
 
 
@@ -56,7 +56,7 @@ def _state_of(path: Path) -> str:
             digest.update(f"{variable}={os.environ[variable]}\0".encode(errors="surrogateescape"))
     files = [path]
     for parent, below, names in chain(os.walk(path.parent), os.walk(path.parent.parent / "models")):
-        if FRAMES in names:
+        if _FRAMES in names:
             below.clear()
             continue
         below.sort()

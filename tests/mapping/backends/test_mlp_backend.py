@@ -88,7 +88,8 @@ def test_a_saved_network_answers_as_before(config, room, tmp_path):
 
 
 def test_a_network_without_a_table_stays_as_it_is_however_large_the_scene(config, room):
-    learnt = NeuralMap(config, seed=0, device="cpu")
+    field = replace(config.field, largest_log2_table_size=config.field.log2_table_size + 1)
+    learnt = NeuralMap(replace(config, field=field), seed=0, device="cpu")
     learnt.integrate(room.observe(1.5, 1.5, 0.4))
     before = learnt.field.backend.parameters()
     learnt.field.fit_table(1e9)
