@@ -42,6 +42,8 @@ def carry(
         into, out_of = target[known], source[known]
         for name in ("log_odds", "state", "seen_range_m", "num_hits"):
             getattr(after, name)[layer].reshape(-1)[into] = getattr(before, name)[layer + up].reshape(-1)[out_of]
+        # Blocks of free space alone hold nothing to mesh or to learn.
+        hit = into[after.num_hits[layer].reshape(-1)[into] > 0]
         after.block_stamp[layer // BLOCK].reshape(-1)[
-            np.unique(into // cols // BLOCK * (cols // BLOCK) + into % cols // BLOCK)
+            np.unique(hit // cols // BLOCK * (cols // BLOCK) + hit % cols // BLOCK)
         ] = frame

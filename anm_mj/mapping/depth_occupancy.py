@@ -155,6 +155,7 @@ class DepthOccupancy:
         if len(no_floor):
             # No ray went through them; a hit fills them again, as if one had.
             self.voxels.free(no_floor, -self.config.miss, self._num_frames)
+        self._moved.look(self.voxels)
 
     def hold_moved(self, discs: Float[np.ndarray, "n 3"]) -> None:
         """See :class:`anm_mj.protocols.FindsMoved`."""

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8, Int64, UInt8
+from jaxtyping import Bool, Float, Int64, UInt8
 from scipy import ndimage
 
 from anm_mj.mapping.depth_noise import EXACT_PER_M
@@ -57,7 +57,9 @@ class MovedVoxels:
         self._ever: set[tuple[int, int]] = set()
         """Columns of blocks in which anything ever moved, likewise."""
         self._doubted = _NO_DOUBT
-        """Surface that was doubted, by x, y and z index, and the log-odds it had."""
+        """Surface that was doubted and not seen since, by x, y and z index, and the log-odds it had."""
+        self._doubted_once = np.zeros(0, np.int64)
+        """All that was doubted since the last time it was settled, as single numbers: nothing is doubted twice."""
         low, high = (round(height / occupancy.voxel_m) for height in _THING_M)
         self.heights = low, high
         """Lowest z index of what moves, and the one after the highest."""
@@ -191,10 +193,11 @@ class MovedVoxels:
         is_weak = voxels.log_odds[part] <= KNOWN_HITS * self._occupancy.hit
         layer, row, col = np.nonzero(solid[part] & near & (is_small[label[part]] | is_weak))
         places = np.stack((col, row, layer + low), axis=1) + voxels.corner
-        known, log_odds = self._doubted
-        places = places[~np.isin(_keys(places), _keys(known))]
+        places = places[~np.isin(_keys(places), self._doubted_once)]
         _, cells = voxels.cells_of(places)
+        known, log_odds = self._doubted
         self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[cells]))
+        self._doubted_once = np.concatenate((self._doubted_once, _keys(places)))
         voxels.change(cells, FREE, _LIFTED, frame + 1)
         return bool(len(places))
 
@@ -203,23 +206,29 @@ class MovedVoxels:
         Nothing is doubted afterwards.
         """
         released = self.release(voxels, frame)
-        cells, log_odds = self._unseen(voxels)
+        places, log_odds = self._doubted
+        _, cells = voxels.cells_of(places)
         voxels.change(cells, OCCUPIED, log_odds, frame + 1)
-        self._doubted = _NO_DOUBT
+        self._doubted, self._doubted_once = _NO_DOUBT, self._doubted_once[:0]
         return released or bool(len(log_odds))
+
+    def look(self, voxels: VoxelArrays) -> None:
+        """Leave to the frame that was just fused what it shows of what is doubted."""
+        places, log_odds = self._doubted
+        if len(places):
+            # At once: a hit and looks through it may add up to what doubt has left.
+            _, cells = voxels.cells_of(places)
+            unseen = (voxels.log_odds[cells] == _LIFTED) & (voxels.state[cells] == FREE)
+            self._doubted = places[unseen], log_odds[unseen]
 
     def is_pretended(self, voxels: VoxelArrays, indices: Int64[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """Whether voxels, by their indices into the raveled grid, are held, or doubted and not seen since."""
         held = (voxels.state.reshape(-1)[indices] == OCCUPIED) & (voxels.log_odds.reshape(-1)[indices] < 0)
-        cells, log_odds = self._unseen(voxels)
-        return held | np.isin(indices, np.ravel_multi_index(cells, voxels.state.shape)) if len(log_odds) else held
-
-    def _unseen(self, voxels: VoxelArrays) -> tuple[tuple[np.ndarray, ...], Int8[np.ndarray, " n"]]:
-        """Array indices of what was doubted and not seen since, and the log-odds it had."""
-        places, log_odds = self._doubted
-        inside, cells = voxels.cells_of(places)
-        unseen = (voxels.log_odds[cells] == _LIFTED) & (voxels.state[cells] == FREE)
-        return tuple(axis[unseen] for axis in cells), log_odds[inside][unseen]
+        places, _ = self._doubted
+        if not len(places):
+            return held
+        _, cells = voxels.cells_of(places)
+        return held | np.isin(indices, np.ravel_multi_index(cells, voxels.state.shape))
 
     @staticmethod
     def _set(voxels: VoxelArrays, places: Int64[np.ndarray, "n 3"], frame: int, old: int, state: int) -> bool:

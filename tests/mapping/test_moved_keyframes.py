@@ -75,7 +75,8 @@ def test_what_no_keyframe_shows_moves_with_the_nearest(tiny_config: MappingConfi
     # What one frame shows is a part of it.
     alone = mapped(tiny_config, frames[:1]).occupancy.by_depth.state_at(points * tiny_config.occupancy.voxel_m)
     assert (alone == states[1]).mean() < 0.8
-    assert by_depth.surface_volume_m3() >= expected.surface_volume_m3()
+    # Blocks through which was looked hold no surface; the nearest column of some lies in the next block.
+    np.testing.assert_allclose(by_depth.surface_volume_m3(), expected.surface_volume_m3(), rtol=0.1)
 
 
 def test_the_last_frame_goes_with_its_keyframe(tiny_config: MappingConfig, room: Room) -> None:

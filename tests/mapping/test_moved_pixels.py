@@ -290,6 +290,23 @@ def test_what_was_doubted_and_settled_is_seen_like_all_else():
     assert (thing_states(grid, range(42, 45)) == FREE).all()
 
 
+def test_a_look_through_what_was_hit_since_it_was_doubted_decides():
+    """A hit and looks through it add up to log-odds of zero, as doubt leaves them."""
+    grid = new_grid()
+    fuse(grid, view(slice(42, 45)))
+    fuse(grid, behind_curtain(view()), 6)
+    fuse(grid, behind_curtain(view(slice(60, 76))))
+    assert grid.doubt_moved()
+
+    fuse(grid, view(slice(42, 45)))
+    assert (thing_states(grid, range(42, 45)) == OCCUPIED).all()
+    fuse(grid, view())
+    assert (thing_states(grid, range(42, 45)) == FREE).all()
+    assert not grid.doubt_moved()
+    grid.settle_moved()
+    assert (thing_states(grid, range(42, 45)) == FREE).all()
+
+
 def test_a_wall_that_many_frames_show_is_not_doubted():
     """It is so near that its pixels leave no voxel out."""
     grid = new_grid()
