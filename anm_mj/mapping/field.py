@@ -154,13 +154,13 @@ class Field:
         falling rate they settle. Returns the number of iterations: ``schedule.final_iterations``, or none where nothing
         was observed, or where the loss was not finite and the field is as it was before.
         """
-        count, optimizer = self.config.schedule.final_iterations // len(_FINAL_RATES), self.config.optimizer
-        if self._last is None or not count:
+        done, optimizer = self.config.schedule.final_iterations, self.config.optimizer
+        if self._last is None or not done:
             return 0
         self._keep_or_restore(self._last.step)
-        done = count * len(_FINAL_RATES)
         try:
-            for share in _FINAL_RATES:
+            for k, share in enumerate(_FINAL_RATES):
+                count = (done + k) // len(_FINAL_RATES)  # The parts add up to all.
                 rates = share * optimizer.table_learning_rate, share * optimizer.decoder_learning_rate
                 slower = replace(optimizer, table_learning_rate=rates[0], decoder_learning_rate=rates[1])
                 self._replace_backend(replace(self.config, optimizer=slower), self.backend.parameters())

@@ -209,6 +209,17 @@ def test_a_final_training_that_fails_leaves_the_map_as_it_was(tiny_config, room,
         np.testing.assert_array_equal(value, before[key])
 
 
+@pytest.mark.parametrize("iterations", [0, 3, 6])
+def test_the_final_training_has_as_many_iterations_as_it_is_told(tiny_config, room, monkeypatch, iterations):
+    config = replace(tiny_config, schedule=replace(tiny_config.schedule, final_iterations=iterations))
+    neural_map = NeuralMap(config, seed=0, device="cpu")
+    neural_map.integrate(room.turn(1.5, 1.5, 1)[0])
+    kind, done = type(neural_map.backend), []
+    steps = kind.steps
+    monkeypatch.setattr(kind, "steps", lambda *_: done.extend(losses := list(steps(*_))) or losses)
+    assert neural_map.finish() == iterations == len(done)
+
+
 def test_what_was_learnt_stays_where_it_was_when_the_world_grows(tiny_config, room):
     # Coordinates are metric, so a far view changes shared weights a little but moves no feature.
     neural_map = NeuralMap(

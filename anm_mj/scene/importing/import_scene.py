@@ -110,6 +110,8 @@ def import_scene(
         raise SceneError(
             f"{src} is no floor plan ({found.name}), so that its furniture stays: leave --no-furniture out."
         )
+    if model_paths and found.is_whole:
+        raise SceneError(f"{src} refers to no models elsewhere ({found.name}): leave --model-path out.")
     read = found.read
     if found.name == "mjcf":
         read = partial(read, settle=settle, movable=movable, groups=groups)

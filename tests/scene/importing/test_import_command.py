@@ -14,7 +14,7 @@ _DOCS = Path(__file__).resolve().parents[3] / "docs" / "scenes.md"
 def test_all_options_reach_the_importer(tmp_path, capsys):
     src = write_glb(tmp_path / "a.glb", *furnished(), y_up=True)
     options = ["--format", "gibson", "--up", "y", "--scale", "2", "--name", "twice", "--source", "a scan"]
-    assert main(["scene", "import", str(src), str(tmp_path / "out"), *options, "--model-path", str(tmp_path)]) == 0
+    assert main(["scene", "import", str(src), str(tmp_path / "out"), *options]) == 0
     assert "twice" in capsys.readouterr().out
     scene = load_scene(tmp_path / "out")
     assert scene.bounds_m[1] == pytest.approx([12.2, 8.2, 5.2], abs=1e-3)
@@ -31,6 +31,7 @@ def test_wrong_options_are_refused_in_one_line(tmp_path, capsys):
     assert "does not hold" in fails(capsys, "scene", "import", tmp_path, tmp_path / "out", "--format", "hm3d")
     assert "does not exist" in fails(capsys, "scene", "import", tmp_path / "b.glb", tmp_path / "out")
     assert "not a folder" in fails(capsys, "scene", "import", src, tmp_path / "out", "--model-path", tmp_path / "c")
+    assert "leave --model-path out" in fails(capsys, "scene", "import", src, tmp_path / "out", "--model-path", tmp_path)
     assert "leave --no-furniture out" in fails(capsys, "scene", "import", src, tmp_path / "out", "--no-furniture")
     plan = ("scene", "import", src, tmp_path / "out", "--format", "floorplan")
     assert "leave --up, --scale and --model-path out" in fails(capsys, *plan, "--scale", "1")

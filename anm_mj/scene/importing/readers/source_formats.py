@@ -29,6 +29,8 @@ class SceneFormat:
     read: Callable[..., ParsedScene]
     """Reads a source, given folders to look for models in; reports what it must leave out. That of MuJoCo worlds takes
     options."""
+    is_whole: bool = False
+    """Whether a source holds all its models, or has them beside it."""
 
 
 _CONVERTERS = {
@@ -64,8 +66,10 @@ FORMATS = (
         SceneFormat(data.name, partial(is_scene_instance, dataset=data), partial(read_scene_instance, data))
         for data in DATASETS
     ),
-    *(SceneFormat(layout.name, layout.matches, partial(read_scan, layout)) for layout in SCAN_LAYOUTS),
-    SceneFormat("mesh", lambda src: src.is_file() and src.suffix.lower() in MESH_SUFFIXES, read_mesh_scene),
+    *(SceneFormat(layout.name, layout.matches, partial(read_scan, layout), is_whole=True) for layout in SCAN_LAYOUTS),
+    SceneFormat(
+        "mesh", lambda src: src.is_file() and src.suffix.lower() in MESH_SUFFIXES, read_mesh_scene, is_whole=True
+    ),
 )
 """All formats; the first that matches a source is taken."""
 
