@@ -75,13 +75,14 @@ class RunConfig(SimulationConfig):
     """Rule of the budget: ``scene`` (the scene's own, or else by floor), ``area`` (by floor), or ``rooms`` (the
     paper's, by the number of rooms)."""
     device: str = "auto"
-    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto``."""
+    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto`` (the CPU, but for the map of policy ``anm`` where there
+    is a GPU)."""
     continue_from: str | None = None
     """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =
     with nothing."""
     unknown_start: bool = False
-    """With ``continue_from`` and ``pose = slam``: the robot is not told where it starts, and finds itself in the prior
-    map first. Without ``start`` it stands at a place drawn from the seed."""
+    """With the map of an earlier run and poses by ``slam``: the robot is not told where it starts, and finds itself in
+    that map first. Without a start it stands at a place drawn from the seed."""
     return_to_start: bool = False
     """Drive back to the start before the run ends, in time for the budget."""
     preset: str = DEFAULT_PRESET

@@ -50,9 +50,9 @@ defined in [conventions.md](conventions.md).
 
 COMMANDS_HEAD = """# Commands
 
-Made from the code by `python scripts/make_reference.py`; it is what `--help` prints. Exit status: 0, 2 with a sentence
-for wrong input, 1 where a command says so. Of every command, `-v` or `--verbose` shows details,
-and `-q` or `--quiet` prints only warnings and errors. [In scripts](start.md#in-scripts).
+Made from the code by `python scripts/make_reference.py`; it is what `--help` prints. Of every command, `-v` or
+`--verbose` shows details, and `-q` or `--quiet` prints only warnings and errors. Exit status and `--json`: [in
+scripts](start.md#in-scripts).
 """
 
 
@@ -60,12 +60,18 @@ VARIABLES = (
     ("`ANM_MJ_SCENES`", "folder of your scenes; else `~/.local/share/anm_mj/scenes`, or that of `XDG_DATA_HOME`"),
     ("`ANM_MJ_ROBOTS`", "folders of robots, with `:` between them; `--robot` takes their names"),
     ("`ANM_MJ_MAX_...`", "limits of what a file may ask for: [bad_input.md](bad_input.md#limits) lists them"),
-    ("`MUJOCO_GL`", "how images are rendered: `egl`, `osmesa` or `glfw`; else the first that works"),
+    (
+        "`MUJOCO_GL`",
+        "how images are rendered: `egl`, `osmesa` or `glfw`; `off`: by ray casting; else the first that works",
+    ),
     (
         "`MUJOCO_EGL_DEVICE_ID`",
         "the [EGL device](camera.md) that draws, by its number in `doctor`; else the first",
     ),
     ("`OMP_NUM_THREADS`", "threads of training and planning; else as many as there are cores"),
+    ("`ROS_DOMAIN_ID`, `CYCLONEDDS_URI`", "domain and network of ROS 2: [ros.md](ros.md)"),
+    ("`RAY_ADDRESS`", "the cluster of `anm-mj bench --executor ray`"),
+    ("`UV_TORCH_BACKEND`", "which build of torch `make setup` installs: [start.md](start.md#install)"),
     ("`XDG_CACHE_HOME`", "where compiled models and samples of true surfaces are kept; else `~/.cache`"),
 )
 """Environment variables of the program, and what they say."""
@@ -105,11 +111,11 @@ def reference() -> str:
     config = make_config("default", [], scene="home")
     groups = [
         name
-        for name in ("planning", "mapping", "localisation", "people", "model", "sensor", "checkpoint")
+        for name in ("planning", "mapping", "localisation", "people", "model", "camera", "sensor", "record", "checkpoint")
         if is_dataclass(getattr(config, name))
     ]
     parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
-    parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))
+    parts.append(_section("Run", "Fields of a run; all but `image_px` have options of their own.", _rows(config, "", nested=False)))
     parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]
     parts.append(_section("`ros.*`", "Of `anm-mj drive`: [ros.md](ros.md).", _rows(RosConfig(), "ros.")))
     known: dict[type, list[str]] = {}

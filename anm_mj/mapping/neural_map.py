@@ -227,21 +227,21 @@ class NeuralMap:
         """Colour and planar depth [m] as a camera would see the map (Eq. 1); black and NaN where no surface is."""
         return render_view(self.backend, self.occupancy.by_depth, intrinsics, T_world_camera)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write parameters, configuration and occupancy to ``path`` (``map.safetensors``).
 
         Keyframes and the optimiser's moments are not kept: a loaded map answers as the saved one does, and can take in
         more frames, but replays none of the earlier ones. Raises OSError if the file cannot be written.
         """
-        write_map(path, SavedMap.of(self.field, self.occupancy.by_depth))
+        write_map(Path(path), SavedMap.of(self.field, self.occupancy.by_depth))
 
     @classmethod
-    def load(cls, path: Path, *, device: str = "auto", geometry: str | None = None) -> NeuralMap:
+    def load(cls, path: Path | str, *, device: str = "auto", geometry: str | None = None) -> NeuralMap:
         """The map that was saved at ``path``, the ``map.safetensors`` of a run folder; ``device`` is as of a new map,
         and ``geometry`` takes the place of the map's own ``mapping.geometry``. Raises MapError if the file is missing
         or is not such a map.
         """
-        saved = read_map(path)
+        saved = read_map(Path(path))
         config = saved.config if geometry is None else replace(saved.config, geometry=geometry)
         loaded = cls(config, seed=saved.seed, device=device)
         saved.fill(loaded.field, loaded.occupancy.by_depth)

@@ -95,7 +95,7 @@ def test_sky_makes_no_surface(tiny_config, geometry):
 
 
 def test_save_and_load_answer_the_same(trained_map, tmp_path):
-    path = tmp_path / "map.safetensors"
+    path = str(tmp_path / "map.safetensors")
     trained_map.save(path)
     loaded = NeuralMap.load(path, device="cpu")
     assert loaded.config == trained_map.config
