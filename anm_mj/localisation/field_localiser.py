@@ -106,6 +106,8 @@ class FieldLocaliser:
         self._compass = WallCompass(config.compass, self._basis)
         self._headings: Headings | None = None
         self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
+        self._grid_poses = np.zeros((0, 4, 4))
+        """Poses of the graph's keyframes that the occupancy grid was made with."""
         self._compared: FrameToImages | None = None
         """The last frame, for a comparison with earlier ones; needed until it is integrated."""
         self._is_chained = False
@@ -176,7 +178,7 @@ class FieldLocaliser:
 
     def integrate(self, estimate: PoseEstimate) -> MapUpdate:
         """Take a usable frame into the map; see the protocol."""
-        effort = self._pace.next(estimate.quality.known)
+        effort = self._pace.next(estimate.quality.known, has_keyframes=len(self._map.field.keyframes) > 0)
         if effort.is_keyframe:
             noise = self._probe.noise_of(estimate.observation)
             self._key_images.add(estimate.observation, noise, estimate.covariance)
@@ -212,16 +214,21 @@ class FieldLocaliser:
         covariance = self._basis.T @ np.diag(deviations**2) @ self._basis
         motion = Prior(T, covariance, self._basis) if self._is_chained else None
         self._is_chained = True
+        self._grid_poses = np.concatenate((self._grid_poses, T[None]))
         if (correction := self._graph.add(compared, T, motion, self._headings)) is None:
             return False
         self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
         self._T_world_camera = correction.T_world_camera[-1]
-        if correction.largest_m > graph.rebuild_m:
+        poses = self._graph.poses
+        # Since the grid was built: many small corrections add up.
+        largest_m = float(np.linalg.norm((poses - self._grid_poses)[:, :3, 3], axis=1).max())
+        if largest_m > graph.rebuild_m:
             if correction.closed:
                 text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built again."
-                _logger.info(text, observation.step, 100.0 * correction.largest_m)
+                _logger.info(text, observation.step, 100.0 * largest_m)
             views = (image.view for image in self._key_images.images)
-            self._map.rebuild(views, graph.rebuild_iterations, (correction.T_world_before, correction.T_world_camera))
+            self._map.rebuild(views, graph.rebuild_iterations, (self._grid_poses, poses))
+            self._grid_poses = poses
         return correction.closed
 
     def _compare(

@@ -18,7 +18,7 @@ from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.se3 import carried
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.depth_occupancy import View
+from anm_mj.mapping.occupancy_kernels import DepthView
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
 
@@ -75,6 +75,8 @@ class KeyImage:
     """Number of its keyframe; -1 before it has one."""
     moved: Bool[np.ndarray, "h w"] | None = None
     """Pixels that show what moved; None = none does."""
+    range_m: float = math.inf
+    """As of :attr:`~anm_mj.types.Observation.known_range_m` [m]."""
 
     def arrays(self, coarse: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
         """Depth, grey values, camera, pose, and from how far normals are taken [px], for native code."""
@@ -82,14 +84,16 @@ class KeyImage:
         return self.depth_m.view(np.uint16), gray, self.camera, self.T_world_camera, self.radius_px + 1
 
     @property
-    def view(self) -> View:
-        """Depth, NaN where nothing was measured or something moved, camera and pose."""
+    def view(self) -> DepthView:
+        """What the occupancy grid takes."""
         height, width = self.depth_m.shape
         fx, fy, cx, cy = self.camera.tolist()
         depth = np.where(self.depth_m > 0.0, self.depth_m, np.nan).astype(np.float32)
+        moved_m = None
         if self.moved is not None:
+            moved_m = np.where(self.moved, depth, np.float32(np.nan))
             depth[self.moved] = np.nan
-        return depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera
+        return DepthView(depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera, self.range_m, moved_m)
 
 
 def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:
@@ -120,7 +124,10 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     with np.errstate(over="ignore"):
         half = depth.astype(np.float16)
     fine, T_world_camera = np.rint(gray).astype(np.uint8), observation.T_world_camera
-    return KeyImage(half, fine, coarse_gray(gray), camera, T_world_camera, observation.step, radius_px=radius)
+    range_m = observation.known_range_m
+    return KeyImage(
+        half, fine, coarse_gray(gray), camera, T_world_camera, observation.step, radius_px=radius, range_m=range_m
+    )
 
 
 def _picked(k: Intrinsics, longest_px: int) -> tuple[int, tuple[slice, slice]]:

@@ -33,14 +33,8 @@ class Correction:
     nodes: tuple[int, ...]
     """Which, counted from the first keyframe on."""
     T_world_camera: Float64[np.ndarray, "m 4 4"]
-    T_world_before: Float64[np.ndarray, "m 4 4"]
     closed: bool
     """Whether a loop was closed."""
-
-    @property
-    def largest_m(self) -> float:
-        """By how far the farthest camera was moved [m]."""
-        return float(np.linalg.norm(self.T_world_camera[:, :3, 3] - self.T_world_before[:, :3, 3], axis=1).max())
 
 
 class KeyframeGraph:
@@ -107,13 +101,12 @@ class KeyframeGraph:
         if not closed and not self.config.adjust:
             return None
         num_fixed = 1 if closed else max(1, node + 1 - self.config.window)
-        before = self.poses
         self.poses = self._optimised(self.edges, num_fixed=num_fixed)
         free = np.arange(num_fixed, node + 1)
         for image in self._images.images:
             if image.node >= 0:
                 image.T_world_camera = self.poses[image.node]
-        return Correction(tuple(free.tolist()), self.poses[free], before[free], closed)
+        return Correction(tuple(free.tolist()), self.poses[free], closed)
 
     def _optimised(self, edges: list[Edge], iterations: int = 10, num_fixed: int = 1) -> Float64[np.ndarray, "n 4 4"]:
         """The poses that some edges and the walls ask for; the first ones stay."""
@@ -167,7 +160,7 @@ class KeyframeGraph:
         ranked = sorted(shares, key=lambda each: (-each[0], each[1].node))
         recent = [image for _, image in ranked if node - image.node < self.config.loop_keyframes]
         old = [image for _, image in ranked if node - image.node >= self.config.loop_keyframes]
-        num_old = min(len(old), self.config.images // 2)
+        num_old = min(len(old), max(self.config.images // 2, 1))
         half = (self.config.images - num_old + 1) // 2
         # Those that show most are the latest; the oldest bind the window to what came before it.
         by_age = sorted(recent[half:], key=lambda image: image.node)

@@ -262,7 +262,7 @@ class RelocalisationConfig(Settings, group="localisation.relocalisation", error=
     """Points of a frame that all places are scored by."""
     refine_points: int = setting(300, at_most=10_000)
     """Points that the best ones are refined by."""
-    candidates: int = setting(12, at_most=1000)
+    candidates: int = setting(12, at_least=2, at_most=1000)
     """Places that are registered to the field, and hypotheses that are kept."""
     most_distance_m: float = 0.15
     """Places with a larger mean distance are none [m]."""

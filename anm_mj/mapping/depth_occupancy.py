@@ -24,6 +24,7 @@ from anm_mj.mapping.occupancy_kernels import (
     BLOCK,
     FARTHEST_CELL,
     CameraView,
+    DepthView,
     OccupancyKernels,
     VoxelArrays,
     check_arrays,
@@ -35,8 +36,6 @@ from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.file_limits import limit
 
-View = tuple[Float32[np.ndarray, "h w"], Intrinsics, Float[np.ndarray, "4 4"]]
-"""Planar depth [m], the camera, and its pose in the world."""
 MovedPoses = tuple[Float[np.ndarray, "m 4 4"], Float[np.ndarray, "m 4 4"]]
 """Poses of keyframes before and after a correction, camera to world."""
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
@@ -188,8 +187,8 @@ class DepthOccupancy:
         moved = self._kernels.moved(self.voxels, view, doubt, self._moved.config.free_looks)
         return moved if moved.any() else None
 
-    def rebuild(self, views: Iterable[View], moved: MovedPoses | None = None) -> None:
-        """Forget all voxels and fuse these depth images, cameras and poses: what was carved cannot be moved.
+    def rebuild(self, views: Iterable[DepthView], moved: MovedPoses | None = None) -> None:
+        """Forget all voxels and fuse these depth images: what was carved cannot be moved.
 
         ``moved`` are poses of keyframes before and after a correction: what the images do not show stays as it was, and
         moves with the nearest keyframe. The count of frames goes on; what is known of the sensor's noise stays.
@@ -199,6 +198,7 @@ class DepthOccupancy:
         before = self.voxels
         self.voxels = unseen_voxels(before.state.shape, before.corner)
         self._missing_floor = MissingFloor(self._missing_floor.square_m)
+        self._moved.forget_last()
         for view in views:
             self.integrate(*view)
         if moved is not None:

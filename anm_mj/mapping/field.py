@@ -69,6 +69,8 @@ class Field:
 
     def wants_keyframe(self, effort: TrainingEffort | None = None) -> bool:
         """Whether the next frame is to become a keyframe; a given effort decides it for all but the first one."""
+        if not len(self.keyframes):
+            return True  # A map that was loaded replays nothing yet.
         if effort is not None and effort.is_keyframe is not None and self.num_frames:
             return effort.is_keyframe
         return self.num_frames % self.config.schedule.keyframe_every == 0

@@ -13,7 +13,7 @@ from jaxtyping import Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.depth_occupancy import MovedPoses, View
+from anm_mj.mapping.depth_occupancy import MovedPoses
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
 from anm_mj.mapping.last_layer import CONSTANT_M, expected_errors
@@ -21,6 +21,7 @@ from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import Occupancy
+from anm_mj.mapping.occupancy_kernels import DepthView
 from anm_mj.mapping.prior_surface import PriorSurface
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
@@ -122,8 +123,7 @@ class NeuralMap:
         observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
         by_depth = self.occupancy.by_depth
-        range_m = min(observation.range_m, observation.shown_range_m)
-        view = observation.intrinsics, observation.T_world_camera, range_m
+        view = observation.intrinsics, observation.T_world_camera, observation.known_range_m
         by_depth.integrate(observation.depth_m, *view, observation.moved_m)
         if not valid_pixels(observation).any():
             return MapUpdate(math.nan, 0, len(self.field.keyframes))
@@ -141,7 +141,7 @@ class NeuralMap:
         """
         self.field.move_keyframes(from_end, T_world_camera)
 
-    def rebuild(self, views: Iterable[View], iterations: int, moved: MovedPoses | None = None) -> None:
+    def rebuild(self, views: Iterable[DepthView], iterations: int, moved: MovedPoses | None = None) -> None:
         """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often.
 
         ``moved`` as of :meth:`~.depth_occupancy.DepthOccupancy.rebuild`.

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
+from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Int64, UInt8, UInt16
 
 from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
@@ -98,6 +98,16 @@ def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> Vox
         column_version=np.zeros(blocks[1:], np.int32),
         corner=corner,
     )
+
+
+class DepthView(NamedTuple):
+    """A depth image as the grid takes it: see :meth:`~.depth_occupancy.DepthOccupancy.integrate`."""
+
+    depth_m: Float32[np.ndarray, "h w"]
+    intrinsics: Intrinsics
+    T_world_camera: Float[np.ndarray, "4 4"]
+    range_m: float = math.inf
+    moved_m: Float32[np.ndarray, "h w"] | None = None
 
 
 class CameraView(NamedTuple):

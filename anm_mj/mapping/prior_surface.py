@@ -73,6 +73,9 @@ class PriorSurface:
         run's keyframes stand before all others in ``store``; ``grid`` is as of now, ``corner`` that of it.
         """
         prior = store.keyframes(self._num_keyframes)
+        if len(prior.pixels) != len(self._end_voxel):
+            # A store that is full gives up pixels of every keyframe.
+            self._end_voxel = self._ends(prior)
         dropped = self._contradicted(grid, corner, prior)
         if dropped is not None:
             kept = prior.without(dropped)

@@ -13,7 +13,7 @@ one, so its cost does not grow with the scene.
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Int8, UInt16
 
 from anm_mj import _native
 from anm_mj.frames import world_to_cell
@@ -180,7 +180,7 @@ class TopDownMapper:
             return []
         heights = grid.layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
         body = grid.state[heights, window[0], window[1]]
-        num_free = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
+        num_free = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint16)
         hit = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
         # What is as low as the body's underside may lie in a layer that is mostly below it.
         lowest = max(grid.layer_of(self.footprint.z_min_m), 0)
@@ -299,7 +299,7 @@ class _Layers:
 
     def __init__(self) -> None:
         shape = 0, 0
-        self.num_free: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
+        self.num_free: UInt16[np.ndarray, "rows cols"] = np.zeros(shape, np.uint16)
         self.hit: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.no_floor: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.min_sdf_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)

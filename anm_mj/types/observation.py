@@ -124,6 +124,11 @@ class Observation:
     image_age_s: float = 0.0
     """By its stamp the image was taken so long before ``time_s`` [s]; ``T_world_camera`` is of then."""
 
+    @property
+    def known_range_m(self) -> float:
+        """Largest planar depth that its maker or its images vouch for [m]; +inf where neither does."""
+        return min(self.range_m, self.shown_range_m)
+
 
 @dataclass(frozen=True)
 class TruePeople:

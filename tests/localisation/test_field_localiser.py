@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.localisation.field_localiser import FieldLocaliser
+from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.localisation.map_probe import Agreement
@@ -135,6 +136,41 @@ def test_a_blind_frame_keeps_the_prior_and_its_doubt(
     np.testing.assert_allclose(after.observation.pose.yaw_rad - before.observation.pose.yaw_rad, TURN, atol=1e-6)
     assert after.rotation_deviation_rad > before.rotation_deviation_rad
     assert after.quality.bound == 0
+
+
+def test_a_run_that_begins_blind_closes_loops_as_others_do(tiny_config: MappingConfig, room: Room) -> None:
+    first, *seen = walk(room, 4)
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    config = replace(CONFIG, tracking=replace(CONFIG.tracking, fresh_keyframe_every=2))
+    localiser = FieldLocaliser(neural_map, config, seed=0, planar=True, odometry=True)
+    blind = replace(first, depth_m=np.full_like(first.depth_m, np.nan))
+    localiser.integrate(localiser.localise(blind))
+    track(localiser, neural_map, seen)
+    assert len(localiser._graph.poses) == len(neural_map.field.keyframes) == 2
+
+
+def test_small_corrections_add_up_until_the_map_is_built_again(
+    tiny_config: MappingConfig, room: Room, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each new keyframe moves all others but the first by 1 cm."""
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    config = replace(CONFIG, graph=replace(CONFIG.graph, adjust=True, loops=False, rebuild_m=0.025))
+    localiser = FieldLocaliser(neural_map, config, seed=0, planar=True, odometry=True)
+    built = []
+    monkeypatch.setattr(neural_map, "rebuild", lambda views, iterations, moved: built.append(moved))
+
+    def nudged(graph: KeyframeGraph, edges: object, **options: object) -> np.ndarray:
+        poses = graph.poses.copy()
+        poses[1:, 0, 3] += 0.01
+        return poses
+
+    monkeypatch.setattr(KeyframeGraph, "_optimised", nudged)
+    track(localiser, neural_map, walk(room, 8))
+    assert len(built) >= 1
+    before, after = built[0]
+    # Of all keyframes, so that what lies about the first one stays.
+    np.testing.assert_array_equal(before[0], after[0])
+    np.testing.assert_allclose(after[1, 0, 3] - before[1, 0, 3], 0.03, atol=1e-6)
 
 
 def test_a_frame_that_shows_no_wall_has_no_heading_of_an_earlier_one(tiny_config: MappingConfig, room: Room) -> None:

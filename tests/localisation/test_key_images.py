@@ -247,7 +247,7 @@ def test_smoothing_keeps_planes_and_leaves_edges_out(room: Room) -> None:
 
 
 def test_what_moved_is_compared_and_not_mapped(room: Room) -> None:
-    frame = room.observe(1.5, 1.5, 0.4, size=96)
+    frame = replace(room.observe(1.5, 1.5, 0.4, size=96), range_m=9.0, shown_range_m=8.0)
     moved_m = np.full(frame.depth_m.shape, np.nan, np.float32)
     moved_m[20:40, 30:60] = frame.depth_m[20:40, 30:60]
     images = KeyImages(KeyImageConfig(longest_px=48))
@@ -255,7 +255,12 @@ def test_what_moved_is_compared_and_not_mapped(room: Room) -> None:
     images.add(replace(frame, moved_m=moved_m), 0.0)
     image = images.images[0]
     assert np.isfinite(image.depth_m).all()
-    depth, intrinsics, _ = image.view
+    depth, intrinsics, _, range_m, moved = image.view
     assert depth.shape == (intrinsics.height, intrinsics.width) == (48, 48)
     assert np.isnan(depth[10:20, 15:30]).all()
     assert np.isnan(depth).sum() == 10 * 15
+    # The grid is told what it was told of the frame.
+    assert range_m == 8.0
+    assert moved is not None
+    np.testing.assert_array_equal(np.isfinite(moved), np.isnan(depth))
+    np.testing.assert_array_equal(np.fmin(depth, moved), image.depth_m.astype(np.float32))

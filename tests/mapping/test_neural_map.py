@@ -9,7 +9,7 @@ from anm_mj.mapping import field
 from anm_mj.mapping.field import MAX_FAILURES
 from anm_mj.mapping.mapping_config import FieldConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, Pose2
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, Pose2, TrainingEffort
 from tests.mapping.ray_room import Room, camera_pose
 
 
@@ -108,6 +108,19 @@ def test_save_and_load_answer_the_same(trained_map, tmp_path):
             getattr(loaded.occupancy_grid(), name), getattr(trained_map.occupancy_grid(), name)
         )
     assert len(loaded.mesh(0.1).faces) == len(trained_map.mesh(0.1).faces)
+
+
+@pytest.mark.parametrize("effort", [None, TrainingEffort(4, None, False)])
+def test_a_loaded_map_takes_in_views_between_keyframes(tiny_config, room, tmp_path, effort):
+    config = replace(tiny_config, schedule=replace(tiny_config.schedule, keyframe_every=5))
+    neural_map = NeuralMap(config, seed=0, device="cpu")
+    for observation in room.turn(1.5, 1.5, 2):
+        neural_map.integrate(observation)
+    neural_map.save(tmp_path / "map.safetensors")
+    loaded = NeuralMap.load(tmp_path / "map.safetensors", device="cpu")
+    for step in (2, 3):
+        assert loaded.integrate(room.observe(1.5, 1.5, 0.1, step=step), effort).num_iterations > 0
+    assert len(loaded.field.keyframes) == 1
 
 
 def test_a_loaded_map_takes_in_more_views(trained_map, room, tmp_path):

@@ -1,5 +1,7 @@
 """A map that goes on from a prior run: it knows what was there, and notices what is not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,18 @@ def test_pixels_that_are_contradicted_are_not_replayed(prior, tiny_config):
     count = len(before.pixels)
     old = after.pixels[: np.cumsum(after.num_pixels)[len(before) - 1]]
     assert 0.5 * count < len(old) < 0.99 * count
+
+
+def test_a_store_that_is_full_thins_what_is_replayed_of_the_prior_run(prior, tiny_config):
+    """Thinned or not, the pixels on what is gone are dropped."""
+    replay = Keyframes.of(dict(np.load(prior / "replay.npz")))
+    schedule = dataclasses.replace(tiny_config.schedule, replay_bytes=1_000_000)
+    now = continued(prior, dataclasses.replace(tiny_config, schedule=schedule), replay)
+    look_around(now, Room(()))
+    after = now.replay(10**9)
+    num_old = int(after.num_pixels[: len(replay)].sum())
+    assert 0.05 * len(replay.pixels) < num_old < 0.49 * len(replay.pixels)
+    assert any(change.kind == "gone" for change in now.changes())
 
 
 def test_a_few_views_change_what_many_have_found(prior, tiny_config):

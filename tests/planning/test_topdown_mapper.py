@@ -229,6 +229,17 @@ def test_the_sdf_is_asked_again_inside_the_horizon_and_never_of_obstacles():
     assert not np.array_equal(first.surface_xy_m, again.surface_xy_m)
 
 
+def test_a_body_may_be_many_voxels_high():
+    state = np.full((288, 64, 64), FREE, np.int8)
+    state[:, :2] = state[:, -2:] = state[:, :, :2] = state[:, :, -2:] = state[0] = OCCUPIED
+    columns = np.ones((4, 4), np.int32)
+    origin_m = np.array([0.0, 0.0, -0.0025])
+    grid = OccupancyGrid(state, np.ones(state.shape, np.float32), origin_m, 0.005, 1, columns)
+    mapper = TopDownMapper(PlanningConfig(horizon_m=100.0, hole_area_m2=1e-6), Footprint(0.02, 0.05, 1.35))
+    topdown = topdown_map(mapper, grid, lambda points: np.full(len(points), 0.1, np.float32), Pose2(0.16, 0.16, 0.0))
+    assert state_at(topdown, 0.05, 0.25) == FREE
+
+
 @pytest.mark.parametrize("top_m", [0.09, 1.35])
 def test_a_body_of_any_height_has_a_map(top_m):
     world = room(4, 3)

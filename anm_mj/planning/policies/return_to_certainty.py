@@ -13,8 +13,8 @@ SURE_SHARE = 0.5
 """The robot is sure of its pose again where its deviations are at most this share of those that it returns at."""
 REPLAN_STEPS = 4
 """The return is planned again after this many steps."""
-MOST_PLANS = 10
-"""After so many plans of one return the policy explores on, until the robot is sure again."""
+MOST_PLANS = 20
+"""After so many plans of one return the policy explores on, until the robot is sure again; the first five turn it."""
 
 
 class ReturnToCertainty:
@@ -24,13 +24,14 @@ class ReturnToCertainty:
         self._policy = policy
         self._most_m, self._most_rad = config.return_deviation_m, config.return_deviation_rad
         self._trail: list[Pose2] = []
-        """Poses since the robot was sure of one, that first; empty before the first."""
+        """Poses from one that the robot was sure of to where it turned back; empty before the first."""
         self._is_unsure = False
         self._num_plans = 0
 
     def observe(self, observation: Observation) -> None:
         """Note where the robot is, and how sure it is of it."""
-        self._trail.append(observation.pose)
+        if not self._num_plans:
+            self._trail.append(observation.pose)
         if self._share(observation) <= SURE_SHARE:
             self._trail, self._is_unsure, self._num_plans = [observation.pose], False, 0
         self._policy.observe(observation)
@@ -61,7 +62,10 @@ class ReturnToCertainty:
         away_m = math.dist(sure.xy_m, pose.xy_m)
         if away_m < ARRIVED_M and abs(wrap_angle(sure.yaw_rad - pose.yaw_rad)) < TURN_STEP_RAD:
             return None
-        path = np.array([pose.xy_m, *(place.xy_m for place in reversed(self._trail))])
+        trail_xy_m = np.array([place.xy_m for place in self._trail])
+        # The nearest place of the trail may lie behind a robot that drives back already.
+        nearest = int(np.linalg.norm(trail_xy_m - pose.xy_m, axis=1).argmin())
+        path = np.vstack((pose.xy_m, trail_xy_m[max(nearest - 1, 0) :: -1]))
         return Plan(
             f"return to where the pose was certain, {away_m:.1f} m away: its standard deviations are "
             f"{100.0 * observation.position_deviation_m:.1f} cm and "

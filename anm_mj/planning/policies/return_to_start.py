@@ -150,7 +150,8 @@ class ReturnToStart:
                 routes = GridRoutes(topdown, pose, safe_m)
         if math.isfinite(routes.cost_at(start.xy_m)):
             path = routes.path_to(start.xy_m)
-            path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
+            # In the start's own cell there is nothing between.
+            path = np.concatenate([path[: max(len(path) - 1, 1)], start.xy_m[None]])
             return _Return(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
         nearest = routes.nearest(start.xy_m)
         if math.dist(nearest, pose.xy_m) < 2 * ARRIVED_M:

@@ -5,9 +5,12 @@ from dataclasses import replace
 
 import pytest
 
+from anm_mj.control.action_motion import action_motion
+from anm_mj.control.path_follower import Follower
+from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.return_to_certainty import MOST_PLANS, ReturnToCertainty
-from anm_mj.types import Action, Plan, Pose2
+from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 from tests.box_room import observe
 from tests.planning.worlds import room
 
@@ -59,9 +62,31 @@ def test_an_unsure_robot_goes_back_along_its_trail(policy):
     plan = policy.plan(MAPPER, walk(policy))
 
     # The first step left it sure enough.
-    assert plan.path_xy_m[:, 0] == pytest.approx([1.3, 1.3, 1.2, 1.1])
+    assert plan.path_xy_m[:, 0] == pytest.approx([1.3, 1.2, 1.1])
     assert plan.headings_rad == (0.0,)
     assert "its standard deviations are 3.0 cm and 0.0 degrees" in plan.reason
+
+
+@pytest.mark.parametrize("steps", [5, 20])
+def test_it_arrives_where_it_was_sure(policy, steps):
+    """Unsure as it stays, it drives back along a bent way with the actions of the loop."""
+    pose, follower = Pose2(1.0, 1.0, 0.5), Follower()
+    for step in range(1, steps + 1):
+        pose = move_pose(pose, *action_motion(Action.TURN_LEFT if step % 5 == 4 else Action.MOVE_FORWARD))
+        seen = view(step, pose.x_m, pose.yaw_rad, 0.014 if step < steps else UNSURE_M)
+        policy.observe(replace(seen, pose=pose))
+    for step in range(steps, steps + 90):
+        action = follower.next_action(pose)
+        if action is None:
+            plan = policy.plan(MAPPER, replace(view(step, pose.x_m, deviation_m=UNSURE_M), pose=pose))
+            if plan.reason == "on":
+                break
+            follower.start(plan)
+            action = follower.next_action(pose)
+        pose = move_pose(pose, *action_motion(action))
+        policy.observe(replace(view(step + 1, pose.x_m, deviation_m=UNSURE_M), pose=pose))
+    assert math.dist(pose.xy_m, (1.0, 1.0)) < ARRIVED_M
+    assert abs(wrap_angle(pose.yaw_rad - 0.5)) < TURN_STEP_RAD
 
 
 def test_it_goes_back_until_it_is_sure(policy):

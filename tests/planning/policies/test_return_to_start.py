@@ -14,6 +14,7 @@ from anm_mj.control.action_motion import action_motion
 from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.guarded_policy import plan_fault
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
@@ -149,6 +150,21 @@ def test_a_way_that_is_blocked_is_said():
     plan = policy.plan(mapper_of(grid), observe(90, nearest))
     assert plan.stop is StopReason.COMPLETE
     assert "no path leads back" in plan.reason
+
+
+def test_a_robot_in_the_cell_of_its_start_goes_there():
+    """Cells are so wide that the start lies farther off than the robot calls arrived."""
+    state = np.full((16, 32, 32), OCCUPIED, np.int8)
+    state[1:, 1:31, 1:31] = FREE
+    columns = np.full((2, 2), 1, np.int32)
+    grid = OccupancyGrid(state, np.ones(state.shape, np.float32), np.array([0.0, 0.0, -0.1]), 0.2, 1, columns)
+    policy = returning(Goes(), 500)
+    policy.observe(observe(0, Pose2(3.05, 3.1, 0.0)))
+    beside = observe(1, Pose2(3.18, 3.1, 0.0))
+    policy.observe(beside)
+    plan = policy.plan(mapper_of(grid), beside)
+    assert plan_fault(plan, beside.pose) is None
+    np.testing.assert_allclose(plan.path_xy_m, [[3.18, 3.1], [3.05, 3.1]])
 
 
 def test_a_resumed_run_has_the_budget_that_it_was_given():

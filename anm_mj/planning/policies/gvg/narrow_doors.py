@@ -17,7 +17,7 @@ from anm_mj.planning.policies.gvg.candidate_places import candidate_places
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.stages import PlanningState, Stages
-from anm_mj.types import FORWARD_STEP_M, Plan
+from anm_mj.types import ARRIVED_M, FORWARD_STEP_M, TURN_STEP_RAD, Plan
 
 _SAME_M = 0.75
 """Passages nearer to each other than this are one [m]."""
@@ -102,6 +102,9 @@ class NarrowDoors:
         self._looked_at_m.append(middle_m)
         x, y = beyond_m - beside_m
         yaw = math.atan2(y, x)
+        # Who stands there and looks through already has seen what there is to see.
+        is_there = math.dist(beside_m, state.pose.xy_m) < ARRIVED_M
+        again |= is_there and abs(wrap_angle(yaw - state.pose.yaw_rad)) < TURN_STEP_RAD
         headings = (wrap_angle(yaw + _SIDES_RAD), wrap_angle(yaw - _SIDES_RAD)) if again else (yaw,)
         reason = (
             f"a look {'beside' if again else 'through'} the narrow passage to ({beyond_m[0]:.1f}, {beyond_m[1]:.1f})"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.guarded_policy import plan_fault
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.gvg_policy import Gvg
 from anm_mj.planning.stages import TRY_AGAIN
@@ -146,12 +147,12 @@ def test_a_passage_without_room_for_a_margin_is_tried_before_the_end():
     assert second.stop is StopReason.COMPLETE
 
 
-def plans_of(radius_m, low_m, high_m, num=4, **settings):
+def plans_of(radius_m, low_m, high_m, num=4, start=Pose2(3.0, 1.6, np.pi), **settings):  # noqa: B008
     """Decisions before a passage to a dark hall, in a room of which a corner is dark as well."""
     boxes = [(4.2, 0.2, 4.3, low_m), (4.2, high_m, 4.3, 4.2)]
     world = room(8, 4, boxes=boxes, unknown=[(5.8, 0.2, 8.2, 4.2), (0.2, 3.4, 1.0, 4.2)])
     context = PolicyContext(Footprint(radius_m, 0.05, 1.35), GvgConfig(bootstrap_turns=0, **settings))
-    gvg, pose, plans = Gvg(context), Pose2(3.0, 1.6, np.pi), []
+    gvg, pose, plans = Gvg(context), start, []
     for step in range(num):
         plans.append(gvg.plan(world, observation(pose, step)))
         if len(plans[-1].path_xy_m):
@@ -172,6 +173,14 @@ def test_a_wide_robot_looks_at_a_door_that_seems_too_narrow_twice():
     assert [plan.reason.startswith("a look beside the narrow passage") for plan in plans] == [0, 1, 0, 0]
     towards = np.array([4.25, 1.62]) - plans[0].path_xy_m[-1]
     assert abs(np.arctan2(towards[1], towards[0]) - plans[0].headings_rad[0]) < 0.6
+
+
+def test_a_robot_that_looks_through_a_narrow_door_already_looks_beside_it():
+    # Right before the passage, where another target has led it.
+    there = Pose2(3.625, 1.6, 0.0)
+    plan = plans_of(0.27, 1.4, 1.85, num=1, start=there)[0]
+    assert plan.reason.startswith("a look beside the narrow passage")
+    assert plan_fault(plan, there) is None
 
 
 def test_what_lies_behind_a_door_has_its_price():
