@@ -109,13 +109,11 @@ def commands() -> str:
 def reference() -> str:
     """Settings, metrics, keys, and what a policy is given."""
     config = make_config("default", [], scene="home")
-    groups = [
-        name
-        for name in ("planning", "mapping", "localisation", "people", "model", "camera", "sensor", "record", "checkpoint")
-        if is_dataclass(getattr(config, name))
-    ]
+    names = "planning", "mapping", "localisation", "people", "model", "camera", "sensor", "record", "checkpoint"
+    groups = [name for name in names if is_dataclass(getattr(config, name))]
     parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
-    parts.append(_section("Run", "Fields of a run; all but `image_px` have options of their own.", _rows(config, "", nested=False)))
+    about = "Fields of a run; all but `image_px` have options of their own."
+    parts.append(_section("Run", about, _rows(config, "", nested=False)))
     parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]
     parts.append(_section("`ros.*`", "Of `anm-mj drive`: [ros.md](ros.md).", _rows(RosConfig(), "ros.")))
     known: dict[type, list[str]] = {}
