@@ -31,6 +31,8 @@ machine."""
 RESULT = "result.json"
 """File in a run folder that is written last."""
 LOG = "log.txt"
+_RUNNING: set[subprocess.Popen[bytes]] = set()
+"""The processes that make runs on this machine now."""
 UNFINISHED = re.compile(r"\..+_[0-9a-f]{8}-[0-9a-f]{8}")
 """Names of the folders in which runs are made."""
 
@@ -67,6 +69,7 @@ def execute(
             env=environment,
         )
         assert process.stdin is not None
+        _RUNNING.add(process)
         try:
             order = json.dumps({"job": asdict(job), "folder": str(attempt / "run")}) + "\n"
             process.stdin.write(order.encode())
@@ -79,6 +82,7 @@ def execute(
             process.wait()
             raise
         finally:
+            _RUNNING.discard(process)
             process.stdin.close()
     if status != 0:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
@@ -127,12 +131,20 @@ def _local(
 ) -> Iterator[tuple[Job, str | None]]:
     # The threads only wait for their processes.
     pool = ThreadPoolExecutor(num_workers)
+    futures = {pool.submit(one, job, next(devices)): job for job in jobs}
     try:
-        futures = {pool.submit(one, job, next(devices)): job for job in jobs}
         for future in as_completed(futures):
-            yield futures[future], future.result()
+            try:
+                error = future.result()
+            except OSError as err:
+                error = f"{futures[future].name} could not be written ({err.strerror or err})."
+            yield futures[future], error
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+        # Those of a comparison that ends in an error: nobody would wait for them, and the next one removes their folders.
+        for process in tuple(_RUNNING):
+            process.kill()
+        pool.shutdown()
 
 
 def _ray(

@@ -31,6 +31,7 @@ from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import halved_intrinsics
 from anm_mj.io.curve_file import COMPLETION_COLUMNS
+from anm_mj.io.folder_hold import FolderHold
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.run_folder import RunFolder
@@ -57,10 +58,18 @@ def evaluate_run(
     Facts that only the running program knew (stop reason, wall time, memory) are kept from ``metrics.json``; so are the
     metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
     compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
-    camera pose, whatever pose the robot believed. Raises RunFolderError if the folder is no run, or a file in it is
-    damaged. ``on_progress`` is called with done and total rounds while the observable surface is computed.
+    camera pose, whatever pose the robot believed. Raises RunFolderError if the folder is no run, is being written, or a
+    file in it is damaged. ``on_progress`` is called with done and total rounds while the observable surface is computed.
     """
     run = read_run(path)
+    with FolderHold(run.folder.path):
+        return _evaluated(run, path, on_progress, novel_views, fixed_views)
+
+
+def _evaluated(
+    run: Run, path: Path, on_progress: Progress, novel_views: ViewsResult | None, fixed_views: ViewsResult | None
+) -> Metrics:
+    """See :func:`evaluate_run`."""
     if not run.frames:
         raise RunFolderError(
             f"{path} holds no frame yet, so there is nothing to evaluate; wait for the run's first step, or start it "

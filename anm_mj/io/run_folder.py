@@ -112,9 +112,10 @@ class RunFolder:
 
     def drop_results(self) -> None:
         """Delete what stands for the finished run: what an interruption left would pass for it if the run, resumed, is
-        killed.
+        killed. What a killed program had half written goes, too.
         """
-        for path in (self.metrics, self.map, self.explored, self.mesh):
+        partial = [path for folder in (self.path, self.checkpoints) for path in folder.glob(f".*.{'?' * 32}")]
+        for path in (self.metrics, self.map, self.explored, self.mesh, *partial):
             path.unlink(missing_ok=True)
 
     def plan(self, step: int) -> Path:

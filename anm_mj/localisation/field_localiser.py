@@ -224,10 +224,10 @@ class FieldLocaliser:
         largest_m = float(np.linalg.norm((poses - self._grid_poses)[:, :3, 3], axis=1).max())
         if largest_m > graph.rebuild_m:
             if correction.closed:
-                text = "Frame %d closes a loop: keyframes are moved by up to %.1f cm, and the map is built again."
+                text = "Frame %d closes a loop; keyframes have moved by up to %.1f cm, and the map is built again."
                 _logger.info(text, observation.step, 100.0 * largest_m)
-            views = (image.view for image in self._key_images.images)
-            self._map.rebuild(views, graph.rebuild_iterations, (self._grid_poses, poses))
+            frames = (image.frame for image in self._key_images.images)
+            self._map.rebuild(frames, graph.rebuild_iterations, (self._grid_poses, poses))
             self._grid_poses = poses
         return correction.closed
 

@@ -18,7 +18,7 @@ from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.se3 import carried
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.occupancy_kernels import DepthView
+from anm_mj.mapping.occupancy_kernels import DepthFrame
 from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.types import Intrinsics, Observation
 
@@ -84,7 +84,7 @@ class KeyImage:
         return self.depth_m.view(np.uint16), gray, self.camera, self.T_world_camera, self.radius_px + 1
 
     @property
-    def view(self) -> DepthView:
+    def frame(self) -> DepthFrame:
         """What the occupancy grid takes."""
         height, width = self.depth_m.shape
         fx, fy, cx, cy = self.camera.tolist()
@@ -93,7 +93,7 @@ class KeyImage:
         if self.moved is not None:
             moved_m = np.where(self.moved, depth, np.float32(np.nan))
             depth[self.moved] = np.nan
-        return DepthView(depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera, self.range_m, moved_m)
+        return DepthFrame(depth, Intrinsics(width, height, fx, fy, cx, cy), self.T_world_camera, self.range_m, moved_m)
 
 
 def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:

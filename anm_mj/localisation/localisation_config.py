@@ -232,7 +232,8 @@ class GraphConfig(Settings, group="localisation.graph", error=MapError):
     loop_every: int = setting(10, at_least=1, at_most=100_000)
     """After so many keyframes that show a place again, all measurements together are asked for a correction."""
     rebuild_m: float = 0.03
-    """A correction by more than this [m] rebuilds the occupancy grid from the keyframes, and trains the field again,"""
+    """Corrections that add up to more than this [m] rebuild the occupancy grid from the keyframes, and train the field
+    again,"""
     rebuild_iterations: int = setting(100, at_least=0, at_most=100_000)
     """with so many iterations."""
 

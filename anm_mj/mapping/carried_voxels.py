@@ -5,7 +5,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from anm_mj.mapping.occupancy_kernels import BLOCK, VoxelArrays
-from anm_mj.types import UNKNOWN
+from anm_mj.types import OCCUPIED, UNKNOWN
 
 
 def carry(
@@ -43,7 +43,8 @@ def carry(
         for name in ("log_odds", "state", "seen_range_m", "num_hits"):
             getattr(after, name)[layer].reshape(-1)[into] = getattr(before, name)[layer + up].reshape(-1)[out_of]
         # Blocks of free space alone hold nothing to mesh or to learn.
-        hit = into[after.num_hits[layer].reshape(-1)[into] > 0]
+        is_hit = (after.num_hits[layer] > 0) | (after.state[layer] == OCCUPIED)
+        hit = into[is_hit.reshape(-1)[into]]
         after.block_stamp[layer // BLOCK].reshape(-1)[
             np.unique(hit // cols // BLOCK * (cols // BLOCK) + hit % cols // BLOCK)
         ] = frame

@@ -24,7 +24,7 @@ from anm_mj.mapping.occupancy_kernels import (
     BLOCK,
     FARTHEST_CELL,
     CameraView,
-    DepthView,
+    DepthFrame,
     OccupancyKernels,
     VoxelArrays,
     check_arrays,
@@ -107,6 +107,11 @@ class DepthOccupancy:
         measured nothing. ``moved_m`` is that of the pixels that show something moved, NaN elsewhere; ``depth_m`` has
         none there.
         """
+        self._fuse(DepthFrame(depth_m, intrinsics, T_world_camera, range_m, moved_m), takes_moved=True)
+
+    def _fuse(self, frame: DepthFrame, *, takes_moved: bool) -> None:
+        """See :meth:`integrate`. ``takes_moved``: what moved and stays becomes surface, by the frames that show it."""
+        depth_m, intrinsics, T_world_camera, range_m, moved_m = frame
         self._num_frames += 1
         self.noise.add(depth_m)
         view = self._view(depth_m, intrinsics, T_world_camera)
@@ -140,7 +145,7 @@ class DepthOccupancy:
             self._grow(no_floor.min(axis=0), no_floor.max(axis=0))
         self._moved.expire(self.voxels, self._num_frames)
         heavy = self._moved.heavy(self.voxels, self._num_frames)
-        if moved_m is not None:
+        if takes_moved and moved_m is not None:
             places, _ = self._kernels.hits(view._replace(depth_m=moved_m), phase, stride)
             self._moved.take(self.voxels, places, self._num_frames)
         low, high = box
@@ -187,7 +192,7 @@ class DepthOccupancy:
         moved = self._kernels.moved(self.voxels, view, doubt, self._moved.config.free_looks)
         return moved if moved.any() else None
 
-    def rebuild(self, views: Iterable[DepthView], moved: MovedPoses | None = None) -> None:
+    def rebuild(self, frames: Iterable[DepthFrame], moved: MovedPoses | None = None) -> None:
         """Forget all voxels and fuse these depth images: what was carved cannot be moved.
 
         ``moved`` are poses of keyframes before and after a correction: what the images do not show stays as it was, and
@@ -198,9 +203,8 @@ class DepthOccupancy:
         before = self.voxels
         self.voxels = unseen_voxels(before.state.shape, before.corner)
         self._missing_floor = MissingFloor(self._missing_floor.square_m)
-        self._moved.forget_last()
-        for view in views:
-            self.integrate(*view)
+        for frame in frames:
+            self._fuse(frame, takes_moved=False)
         if moved is not None:
             carry(before, self.voxels, *moved, self.config.voxel_m, self._num_frames)
         self.noise.set_array(noise)

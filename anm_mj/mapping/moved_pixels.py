@@ -96,10 +96,6 @@ class MovedVoxels:
         last = np.concatenate((last[kept], np.full(len(keys), frame)))
         self._seen = known, last
 
-    def forget_last(self) -> None:
-        """Forget where something moved lately: earlier frames come again."""
-        self._last, self._seen = {}, (np.zeros(0, np.int64), np.zeros(0, np.int64))
-
     def free_left(self, voxels: VoxelArrays, frame: int) -> None:
         """Free what few frames have hit in columns that something which moved has left.
 

@@ -21,7 +21,7 @@ from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import Occupancy
-from anm_mj.mapping.occupancy_kernels import DepthView
+from anm_mj.mapping.occupancy_kernels import DepthFrame
 from anm_mj.mapping.prior_surface import PriorSurface
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
@@ -141,12 +141,12 @@ class NeuralMap:
         """
         self.field.move_keyframes(from_end, T_world_camera)
 
-    def rebuild(self, views: Iterable[DepthView], iterations: int, moved: MovedPoses | None = None) -> None:
+    def rebuild(self, frames: Iterable[DepthFrame], iterations: int, moved: MovedPoses | None = None) -> None:
         """Follow keyframes that were moved far: fuse the occupancy grid anew from depth images, train that often.
 
         ``moved`` as of :meth:`~.depth_occupancy.DepthOccupancy.rebuild`.
         """
-        self.occupancy.by_depth.rebuild(views, moved)
+        self.occupancy.by_depth.rebuild(frames, moved)
         self.field.retrain(iterations, self.occupancy.by_depth.grid)
         self._start_readers()
 

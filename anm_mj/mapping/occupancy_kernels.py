@@ -100,8 +100,8 @@ def unseen_voxels(shape: tuple[int, ...], corner: Int64[np.ndarray, "3"]) -> Vox
     )
 
 
-class DepthView(NamedTuple):
-    """A depth image as the grid takes it: see :meth:`~.depth_occupancy.DepthOccupancy.integrate`."""
+class DepthFrame(NamedTuple):
+    """A posed depth image, as it comes: see :meth:`~.depth_occupancy.DepthOccupancy.integrate`."""
 
     depth_m: Float32[np.ndarray, "h w"]
     intrinsics: Intrinsics

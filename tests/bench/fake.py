@@ -46,6 +46,14 @@ def slow(job: Job, folder: Path) -> None:
     write_run(job, folder)
 
 
+def lasting(job: Job, folder: Path) -> None:
+    """Takes a minute, but for the first seed, and says that it is at work."""
+    folder.mkdir()
+    if job.seed:
+        (folder / f"{os.getpid()}.pid").touch()
+        time.sleep(60.0)
+
+
 def deadly(job: Job, folder: Path) -> None:
     """Dies at the second seed."""
     if job.seed == 1:

@@ -63,6 +63,26 @@ def alive(pid):
         return stat.read().rpartition(")")[2].split()[0] != "Z"
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
+def test_runs_of_a_comparison_that_ends_in_an_error_end_with_it(tmp_path):
+    jobs = [Job("room", "room", "0" * 64, "gvg", 0, (0.0, 0.0, 0.0), seed, 1) for seed in range(3)]
+    made = run_jobs(jobs, tmp_path, "local", 2, "tests.bench.fake:lasting")
+    assert next(made)[0].seed == 0
+    until(lambda: len(list(tmp_path.glob(".*/run/*.pid"))) == 2)
+    workers = [int(path.stem) for path in tmp_path.glob(".*/run/*.pid")]
+    made.close()
+    assert not any(alive(pid) for pid in workers)
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_folder_that_cannot_be_written_costs_only_its_run(tmp_path):
+    jobs = [Job("room", "room", "0" * 64, "gvg", 0, (0.0, 0.0, 0.0), seed, 1) for seed in range(2)]
+    (tmp_path / jobs[0].name).write_text("in the way")
+    made = dict(run_jobs(jobs, tmp_path, "local", 1, "tests.bench.fake:quick"))
+    assert made[jobs[1]] is None
+    assert f"{jobs[0].name} could not be written" in str(made[jobs[0]])
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
 def test_a_killed_comparison_resumes(file, tmp_path):

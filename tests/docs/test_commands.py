@@ -344,6 +344,7 @@ def scene_import(words, place):
     """Import a mesh from where the command says, to where it says."""
     source = place / words[2]
     if not source.exists():
+        source.parent.mkdir(parents=True, exist_ok=True)
         source.write_bytes((place / "house.glb").read_bytes())
     out = str(place / Path(words[3].replace("$ANM_MJ_SCENES", "scenes")))
     assert main(["scene", "import", str(source), out, *words[4:]]) == 0

@@ -17,11 +17,13 @@ import pytest
 import anm_mj.run
 from anm_mj.config import make_config
 from anm_mj.errors import CheckpointError, RunFolderError
+from anm_mj.evaluation.run_evaluation import evaluate_run
 from anm_mj.events import On, Stepped
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.types import FREE, OCCUPIED
+from anm_mj.utils.files import beside
 from tests.public_scenes import PUBLIC_SCENES
 from tests.scene.small import make_small_scene
 
@@ -139,8 +141,14 @@ def small(tmp_path_factory):
 def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     """What is in the folder at a moment is what a kill at that moment leaves; the last checkpoint is being written."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
+    refused = []
 
     def copy(report):
+        if report.step == 30:
+            for other in (resume, evaluate_run):
+                with pytest.raises(RunFolderError, match="Another program is writing"):
+                    other(whole)
+                refused.append(other)
         whole_ones = list(whole.glob("checkpoint/[!.]*"))
         if report.step < 21 or len(whole_ones) < 2 or killed.exists():
             return
@@ -152,7 +160,10 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     settings = [*TINY, *OFTEN, *GROWING]
     config = make_config("quick", settings, scene=str(small), steps=36, seed=3, device="cpu")
     anm_mj.run.run(config, out=whole, observers=(On(Stepped, copy),))
+    assert refused == [resume, evaluate_run]
     assert read_map(whole / "map.safetensors").config.field.log2_table_size > 11
+    for half_written in ("mesh.ply", "checkpoint/000030.checkpoint"):
+        beside(killed / half_written).touch()
     with (killed / "steps.jsonl").open("a") as file:
         file.write('{"step": 99, "act')
     newest = max(killed.glob("checkpoint/*"))
@@ -161,6 +172,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     assert_same(killed, whole)
     assert json.loads((killed / "resumed.jsonl").read_text())["step"] < 36
     assert not (killed / "checkpoint").exists()
+    assert not list(killed.glob(".*"))
     with pytest.raises(CheckpointError, match="has ended"):
         resume(killed)
 
@@ -186,8 +198,8 @@ def test_an_interrupted_run_leaves_doubted_surface_in_its_map_and_the_doubt_to_w
     assert np.array_equal(arrays["state"] == OCCUPIED, solid[0])
 
     def still(stepped):
-        (layer, *_), _ = (by_depth := stepped.mapper.occupancy.by_depth)._moved._unseen(by_depth.voxels)
-        doubts.append(len(layer))
+        places, _ = stepped.mapper.occupancy.by_depth._moved._doubted
+        doubts.append(len(places))
         return True
 
     resume(folder, observers=(On(Stepped, still),))

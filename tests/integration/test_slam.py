@@ -129,7 +129,7 @@ def test_loops_that_close_are_counted(scene, tmp_path, monkeypatch):
     def closing(self, *args):
         """As if the second keyframe closed one, which moves nothing."""
         add(self, *args)
-        return Correction((0, 1), self.poses, self.poses, closed=True) if len(self.poses) == 2 else None
+        return Correction((0, 1), self.poses, closed=True) if len(self.poses) == 2 else None
 
     monkeypatch.setattr(KeyframeGraph, "add", closing)
     metrics = explore(scene, tmp_path / "run", steps=12)
@@ -184,7 +184,7 @@ def test_a_robot_that_is_not_told_where_it_starts_finds_itself_before_it_goes_on
 
 
 def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_prior_map(scene, localised, tmp_path):
-    never = ["frames=1000", "candidates=1", "search_points=10", "headings=4"]
+    never = ["frames=1000", "search_points=10", "headings=4"]
     settings = [*(f"localisation.relocalisation.{each}" for each in never), "mapping.schedule.final_iterations=0"]
     prior = str(localised[0])
     metrics = explore(

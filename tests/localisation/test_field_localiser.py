@@ -157,7 +157,7 @@ def test_small_corrections_add_up_until_the_map_is_built_again(
     config = replace(CONFIG, graph=replace(CONFIG.graph, adjust=True, loops=False, rebuild_m=0.025))
     localiser = FieldLocaliser(neural_map, config, seed=0, planar=True, odometry=True)
     built = []
-    monkeypatch.setattr(neural_map, "rebuild", lambda views, iterations, moved: built.append(moved))
+    monkeypatch.setattr(neural_map, "rebuild", lambda frames, iterations, moved: built.append(moved))
 
     def nudged(graph: KeyframeGraph, edges: object, **options: object) -> np.ndarray:
         poses = graph.poses.copy()

@@ -13,7 +13,9 @@ from anm_mj.localisation.localisation_config import KeyImageConfig, Registration
 from anm_mj.localisation.motion_search import rotation_search
 from anm_mj.localisation.registration import PLANAR, Prior
 from anm_mj.localisation.se3 import camera_motion, moved_camera
-from anm_mj.types import Intrinsics
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.types import FREE, UNKNOWN, Intrinsics
 from tests.mapping.ray_room import Room
 
 CONFIG = KeyImageConfig()
@@ -246,6 +248,18 @@ def test_smoothing_keeps_planes_and_leaves_edges_out(room: Room) -> None:
     assert after < 0.4 * before
 
 
+def test_a_grid_that_is_built_again_knows_nothing_beyond_the_range_of_the_camera(room: Room) -> None:
+    """What the camera looked farther than its range is not what it looked through."""
+    frames = []
+    for step, seen in enumerate(room.turn(1.5, 1.5, 6, size=96)):
+        depth_m = np.where(seen.depth_m < 1.2, seen.depth_m, np.float32(np.inf))
+        frames.append(key_image(replace(seen, depth_m=depth_m, range_m=1.2, step=step), CONFIG.longest_px).frame)
+    occupancy = DepthOccupancy(OccupancyConfig())
+    occupancy.rebuild(frames)
+    assert (occupancy.state_at(np.array([[3.5, 1.5, 1.2], [1.5, 2.9, 1.2]])) == UNKNOWN).all()
+    assert (occupancy.state_at(np.array([[2.2, 1.5, 1.2], [1.5, 2.2, 1.2]])) == FREE).all()
+
+
 def test_what_moved_is_compared_and_not_mapped(room: Room) -> None:
     frame = replace(room.observe(1.5, 1.5, 0.4, size=96), range_m=9.0, shown_range_m=8.0)
     moved_m = np.full(frame.depth_m.shape, np.nan, np.float32)
@@ -255,7 +269,7 @@ def test_what_moved_is_compared_and_not_mapped(room: Room) -> None:
     images.add(replace(frame, moved_m=moved_m), 0.0)
     image = images.images[0]
     assert np.isfinite(image.depth_m).all()
-    depth, intrinsics, _, range_m, moved = image.view
+    depth, intrinsics, _, range_m, moved = image.frame
     assert depth.shape == (intrinsics.height, intrinsics.width) == (48, 48)
     assert np.isnan(depth[10:20, 15:30]).all()
     assert np.isnan(depth).sum() == 10 * 15

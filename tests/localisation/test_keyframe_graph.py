@@ -92,6 +92,9 @@ def test_a_place_that_is_seen_again_closes_a_loop(frames: list[Observation]) -> 
     closed = [correction for correction in corrections if correction.closed]
     assert len(closed) >= 1
     assert closed[0].nodes[0] == 1
+    before = np.array([moved_camera(frame.T_world_camera, drift(step)) for step, frame in enumerate(frames)])
+    moved = closed[0].T_world_camera - before[list(closed[0].nodes)]
+    assert np.linalg.norm(moved[:, :3, 3], axis=1).max() > 0.03
     assert np.linalg.norm(drift(COUNT - 1)[:3]) > 0.07
     assert off_m(graph, frames).max() < 0.02
     # Images and poses go together.

@@ -6,7 +6,7 @@ import pytest
 from anm_mj.errors import MapError
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.mapping.occupancy_kernels import BLOCK, DepthView
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics
 from tests.mapping.numpy_occupancy import footprint_minima
 from tests.mapping.ray_room import LEG, Room, camera_pose
@@ -55,23 +55,6 @@ def test_the_floor_fills_one_layer(occupancy):
     heights = grid.origin_m[2] + (layers + 0.5) * grid.resolution_m
     assert np.isclose(heights, 0.0).sum() == 1
     assert not np.isclose(np.abs(heights), 0.05).any()
-
-
-def test_a_grid_that_is_built_again_knows_nothing_beyond_the_range_of_the_camera(room):
-    """What the camera looked farther than its range is not what it looked through."""
-    frames = room.turn(1.5, 1.5, 6, size=96)
-    views = [
-        DepthView(np.where(f.depth_m < 1.2, f.depth_m, np.float32(np.inf)), f.intrinsics, f.T_world_camera, 1.2)
-        for f in frames
-    ]
-    occupancy = DepthOccupancy(OccupancyConfig())
-    for view in views:
-        occupancy.integrate(*view)
-    num_free = np.count_nonzero(occupancy.voxels.state == FREE)
-    occupancy.rebuild(views)
-    # The grid is larger now than it was for the first frames.
-    assert np.count_nonzero(occupancy.voxels.state == FREE) == pytest.approx(num_free, rel=0.1)
-    assert (occupancy.state_at(np.array([[3.5, 1.5, 1.2], [1.5, 2.9, 1.2]])) == UNKNOWN).all()
 
 
 def test_voxel_arrays_are_indexed_layer_row_column(room):

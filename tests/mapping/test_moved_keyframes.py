@@ -6,7 +6,7 @@ import numpy as np
 
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy_kernels import DepthView
+from anm_mj.mapping.occupancy_kernels import DepthFrame
 from anm_mj.types import OCCUPIED, UNKNOWN, Observation, TrainingEffort
 from tests.mapping.ray_room import Room
 
@@ -44,7 +44,7 @@ def test_occupancy_and_field_go_where_the_keyframes_go(tiny_config: MappingConfi
     wrong = np.abs(neural_map.sdf(points)).mean()
     version, noise = by_depth.grid.version, by_depth.noise.value
     neural_map.move_keyframes(np.arange(5, 0, -1), np.stack([frame.T_world_camera for frame in frames]))
-    neural_map.rebuild((DepthView(f.depth_m, f.intrinsics, f.T_world_camera) for f in frames), 60)
+    neural_map.rebuild((DepthFrame(f.depth_m, f.intrinsics, f.T_world_camera) for f in frames), 60)
     assert (by_depth.state_at(points) == OCCUPIED).mean() > 0.9
     assert not (by_depth.state_at(points + np.array([0.0, SHIFT_M, 0.0])) == OCCUPIED).any()
     assert np.abs(neural_map.sdf(points)).mean() < 0.5 * wrong
@@ -56,7 +56,7 @@ def test_occupancy_and_field_go_where_the_keyframes_go(tiny_config: MappingConfi
 def test_what_no_keyframe_shows_is_unknown_again(tiny_config: MappingConfig, room: Room) -> None:
     frames = [room.observe(1.5, 1.5, 1.2 + 0.2 * k, size=64, step=k) for k in range(3)]
     neural_map, fresh = mapped(tiny_config, frames), mapped(tiny_config, frames[:1])
-    neural_map.rebuild([DepthView(frames[0].depth_m, frames[0].intrinsics, frames[0].T_world_camera)], 1)
+    neural_map.rebuild([DepthFrame(frames[0].depth_m, frames[0].intrinsics, frames[0].T_world_camera)], 1)
     grid, expected = neural_map.occupancy.by_depth.grid, fresh.occupancy.by_depth.grid
     assert (grid.state != UNKNOWN).sum() == (expected.state != UNKNOWN).sum() > 1000
     assert (grid.state == OCCUPIED).sum() == (expected.state == OCCUPIED).sum()
@@ -68,7 +68,7 @@ def test_what_no_keyframe_shows_moves_with_the_nearest(tiny_config: MappingConfi
     neural_map, right = mapped(tiny_config, [beside(frame) for frame in frames]), mapped(tiny_config, frames)
     before, after = (np.stack([f.T_world_camera for f in some]) for some in ((beside(f) for f in frames), frames))
     first = frames[0]
-    neural_map.rebuild([DepthView(first.depth_m, first.intrinsics, first.T_world_camera)], 1, (before, after))
+    neural_map.rebuild([DepthFrame(first.depth_m, first.intrinsics, first.T_world_camera)], 1, (before, after))
     by_depth, expected = (each.occupancy.by_depth for each in (neural_map, right))
     points = np.argwhere(expected.voxels.state != UNKNOWN)[:, ::-1] + expected.voxels.corner
     states = [each.state_at(points * tiny_config.occupancy.voxel_m) for each in (by_depth, expected)]

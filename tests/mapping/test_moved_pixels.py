@@ -10,6 +10,7 @@ from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_occupancy import FieldOccupancy
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.moved_pixels import depth_doubt
+from anm_mj.mapping.occupancy_kernels import DepthFrame
 from anm_mj.sensing.pixel_state import judge_pixels, without_moved
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, PixelState, Pose2
 
@@ -288,6 +289,19 @@ def test_what_was_doubted_and_settled_is_seen_like_all_else():
     assert (thing_states(grid, range(42, 45)) == FREE).all()
     grid.settle_moved()
     assert (thing_states(grid, range(42, 45)) == FREE).all()
+
+
+def test_a_grid_that_is_built_again_is_carved_up_to_what_moved():
+    grid = new_grid()
+    fuse(grid, view(), 6)
+    told = fuse(grid, view(slice(20, 36)))
+    assert told.moved_m is not None
+    grid.rebuild([DepthFrame(told.depth_m, CAMERA, T_WORLD_CAMERA, moved_m=told.moved_m)])
+    y_m = -(28.5 - CAMERA.cx) / CAMERA.fx
+    before, behind = np.array([[1.0, y_m, 1.0]]), np.array([[2.0, 2.0 * y_m, 1.0]])
+    assert grid.state_at(before) == FREE
+    assert grid.state_at(behind) == UNKNOWN
+    assert not (thing_states(grid, range(20, 36)) == OCCUPIED).any()
 
 
 def test_a_look_through_what_was_hit_since_it_was_doubted_decides():

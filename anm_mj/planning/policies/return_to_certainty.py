@@ -61,6 +61,7 @@ class ReturnToCertainty:
         sure, pose = self._trail[0], observation.pose
         away_m = math.dist(sure.xy_m, pose.xy_m)
         if away_m < ARRIVED_M and abs(wrap_angle(sure.yaw_rad - pose.yaw_rad)) < TURN_STEP_RAD:
+            self._num_plans = MOST_PLANS
             return None
         trail_xy_m = np.array([place.xy_m for place in self._trail])
         # The nearest place of the trail may lie behind a robot that drives back already.

@@ -89,6 +89,17 @@ def test_it_arrives_where_it_was_sure(policy, steps):
     assert abs(wrap_angle(pose.yaw_rad - 0.5)) < TURN_STEP_RAD
 
 
+def test_a_robot_that_is_unsure_where_it_was_sure_does_not_go_back_again(policy):
+    policy.plan(MAPPER, walk(policy))
+    back = view(4, 1.1, deviation_m=UNSURE_M)
+    policy.observe(back)
+    assert policy.plan(MAPPER, back).reason == "on"
+    # Its way from here on is none of the trail.
+    far = view(30, 3.0, deviation_m=UNSURE_M)
+    policy.observe(far)
+    assert policy.plan(MAPPER, far).reason == "on"
+
+
 def test_it_goes_back_until_it_is_sure(policy):
     policy.plan(MAPPER, walk(policy))
 

@@ -7,6 +7,7 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.readers.source_formats import FORMATS
 from tests.cli.test_main import fails
 from tests.scene.furnished import furnished, write_glb
+from tests.scene.importing.readers.gazebo_worlds import GROUND, ROOM, write_model, write_world
 
 _DOCS = Path(__file__).resolve().parents[3] / "docs" / "scenes.md"
 
@@ -20,6 +21,16 @@ def test_all_options_reach_the_importer(tmp_path, capsys):
     assert scene.bounds_m[1] == pytest.approx([12.2, 8.2, 5.2], abs=1e-3)
     assert (scene.name, scene.source) == ("twice", "a scan")
     assert scene.licence.startswith("Gibson")
+
+
+def test_folders_of_models_reach_the_importer(tmp_path, capsys):
+    box = "<link name='l'><visual name='v'><geometry><box><size>1 1 1</size></box></geometry></visual></link>"
+    write_model(tmp_path / "elsewhere", "crate", box)
+    include = "<include><uri>model://crate</uri><name>c</name><pose>2 2 0.5 0 0 0</pose></include>"
+    src = write_world(tmp_path / "pkg" / "worlds" / "w.world", GROUND + ROOM + include)
+    options = ["--model-path", str(tmp_path / "elsewhere")]
+    assert main(["scene", "import", str(src), str(tmp_path / "out"), *options]) == 0
+    assert "crate" not in capsys.readouterr().err
 
 
 def test_wrong_options_are_refused_in_one_line(tmp_path, capsys):

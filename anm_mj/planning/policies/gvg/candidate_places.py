@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.stages import PlanningState
-from anm_mj.types import ARRIVED_M, FORWARD_STEP_M
+from anm_mj.types import FORWARD_STEP_M
 
 HERE = -1
 """Stands for the robot's own place among the vertices."""
@@ -70,8 +70,7 @@ def candidate_places(state: PlanningState, gain: InformationGain, config: GvgCon
     """
     reachable = np.isfinite(state.paths.distance_m)
     # A vertex at the robot's own place costs more turns than it shows.
-    away_m = np.linalg.norm(state.graph.vertex_xy_m - state.pose.xy_m, axis=1)
-    away = away_m > max(config.same_place_m, ARRIVED_M)
+    away = np.linalg.norm(state.graph.vertex_xy_m - state.pose.xy_m, axis=1) > config.same_place_m
     vertices = _thinned(state, reachable & away, config.candidate_spacing_m)
     xy_m = np.concatenate([state.pose.xy_m[None], state.graph.vertex_xy_m[vertices]])
     gain_m2 = gain.best_view_gains(xy_m)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from anm_mj.planning.policies.context import PolicyConfig
+from anm_mj.types import ARRIVED_M
 from anm_mj.utils.settings import setting
 
 AS_MANY_AS_NEEDED = -1
@@ -26,7 +27,7 @@ class GvgConfig(PolicyConfig):
     """A cell that a view left unknown has gain only from nearer than this share of that view's distance."""
     candidate_spacing_m: float = 0.5
     """Candidate vertices lie at least this far apart [m]."""
-    same_place_m: float = setting(0.2, at_least=0.0)
+    same_place_m: float = setting(0.2, at_least=ARRIVED_M)
     """Vertices nearer than this are no candidates: the robot looks from where it stands [m]."""
     shortlist_spacing_m: float = 1.0
     """No two places that tours are searched among lie in the same square of this side [m]."""
