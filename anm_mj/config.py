@@ -75,8 +75,8 @@ class RunConfig(SimulationConfig):
     """Rule of the budget: ``scene`` (the scene's own, or else by floor), ``area`` (by floor), or ``rooms`` (the
     paper's, by the number of rooms)."""
     device: str = "auto"
-    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto`` (the CPU; that of policy ``anm`` on a GPU where there
-    is one)."""
+    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto`` (the CPU by the native engine; others take a GPU where
+    there is one)."""
     continue_from: str | None = None
     """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =
     with nothing."""
