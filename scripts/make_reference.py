@@ -70,7 +70,7 @@ VARIABLES = (
     ),
     ("`OMP_NUM_THREADS`", "threads of training and planning; else as many as there are cores"),
     ("`ROS_DOMAIN_ID`, `CYCLONEDDS_URI`", "domain and network of ROS 2: [ros.md](ros.md)"),
-    ("`RAY_ADDRESS`", "the cluster of `anm-mj bench --executor ray`"),
+    ("`RAY_ADDRESS`", "the Ray cluster of `--executor ray`"),
     ("`UV_TORCH_BACKEND`", "which build of torch `make setup` installs: [start.md](start.md#install)"),
     ("`XDG_CACHE_HOME`", "where compiled models and samples of true surfaces are kept; else `~/.cache`"),
 )
