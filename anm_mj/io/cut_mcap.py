@@ -64,7 +64,7 @@ class CutMcap:
 
 def mended(path: Path) -> CutMcap:
     """Index a cut file. Raises OSError if it cannot be read, and ValueError if a chunk before the cut is damaged."""
-    scan = _Scan()
+    scan, beside = _Scan(), 0
     with open_regular(path) as file:
         total = file.seek(0, 2)
         at = len(MAGIC)
@@ -80,10 +80,13 @@ def mended(path: Path) -> CutMcap:
                 scan.chunk(at, content)
             elif not whole:
                 break
+            elif kind == _MESSAGE:
+                beside += 1
             elif kind in (_SCHEMA, _CHANNEL) and length < _LARGEST_HEADER:
                 scan.record(kind, file.read(length))
             at += _RECORD.size + length
-    return CutMcap(path, at, scan.tail(at), sum(scan.counts.values()))
+    # Where there are chunks, readers look into those alone.
+    return CutMcap(path, at, scan.tail(at), sum(scan.counts.values()) or beside)
 
 
 @dataclass

@@ -25,7 +25,7 @@ def _run(folder: Path, *, ignores_poses: bool) -> Sequence:
     kept = [frame for frame in with_images if ignores_poses or (frame.is_mapped and not frame.is_lost)]
     lost = LeftOut(len(with_images) - len(kept), len(with_images), "the robot did not know their pose", bad=0)
     frames = tuple(
-        Frame(frame.time_s, run.folder.image(frame.step), run.folder.depth(frame.step), frame.T_world_camera)
+        Frame(frame.image_time_s, run.folder.image(frame.step), run.folder.depth(frame.step), frame.T_world_camera)
         for frame in kept
     )
     return Sequence(folder, run.intrinsics, 0.001, frames, resize=True, keeps_corner_pixels=True, left_out=(lost,))

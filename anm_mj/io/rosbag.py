@@ -8,13 +8,14 @@ said by the user where several fit. Depth has to be registered to the colour ima
 import functools
 import logging
 import weakref
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.errors import RunFolderError
+from anm_mj.errors import AnmError, RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import readable_parts
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
@@ -159,16 +160,31 @@ class _Bag(BagReader):
         return self.chosen(role, fit, [topic for topic in fit if topic.rpartition("/")[0] not in fit])
 
     def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> tuple[Intrinsics, LensDistortion | None]:
-        """As the user says; else of the calibration beside the depth, or of the only one that has its frame."""
-        if self.options.camera is not None:
-            rows, cols = colour_image(self.first(colour)).shape[:2]
-            return Intrinsics(cols, rows, *self.options.camera), None
+        """As the bag says. A camera that the user gives has the distortion of the calibration, and its size where that
+        has the image's aspect; without one that can be used, it has the image's size and no distortion.
+        """
+        if self.options.camera is None:
+            return self._stated(colour, depth, camera_frame)
+        rows, cols = colour_image(self.first(colour)).shape[:2]
+        camera = Intrinsics(cols, rows, *self.options.camera)
+        try:
+            stated, bent = self._stated(colour, depth, camera_frame)
+        except AnmError:
+            # Whatever is wrong with the calibration, the user's camera stands for it.
+            return camera, None
+        if cols * stated.height == rows * stated.width:
+            camera = replace(camera, width=stated.width, height=stated.height)
+        return camera, bent
+
+    def _stated(self, colour: str, depth: str, camera_frame: str) -> tuple[Intrinsics, LensDistortion | None]:
+        """Of the calibration beside the depth, or of the only one that has its frame."""
         there = self.of_type(_CALIBRATION)
         beside = [
             topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in image_folders(images)
         ]
         same = [topic for topic in there if self.first(topic).header.frame_id == camera_frame]
-        topic = self._taken_calibration(self.chosen("camera", there, beside[:1] or same), beside)
+        rectified = is_rectified(depth)
+        topic = self._taken_calibration(self.chosen("camera", there, beside[:1] or same), beside, rectified=rectified)
         found = self.first(topic)
         if self.changes(topic):
             raise RunFolderError(
@@ -176,18 +192,18 @@ class _Bag(BagReader):
                 "--camera FX,FY,CX,CY."
             )
         try:
-            return calibration(found, topic, rectified="rect" in depth.rpartition("/")[2])
+            return calibration(found, topic, rectified=rectified)
         except ValueError as err:
             raise RunFolderError(
                 f"{self.path}: {err}; give it by --camera FX,FY,CX,CY, or record rectified images."
             ) from err
 
-    def _taken_calibration(self, topic: str, beside: list[str]) -> str:
+    def _taken_calibration(self, topic: str, beside: list[str], *, rectified: bool) -> str:
         """Of calibrations beside depth and colour that differ, that of the colour, where all are of one frame."""
         taken = self.first(topic)
         for other in beside:
             also = self.first(other)
-            mine, theirs = (_matrix(info)[[0, 4, 2, 5]] for info in (taken, also))
+            mine, theirs = (_pinhole(info, rectified=rectified) for info in (taken, also))
             if np.abs(mine - theirs).max() <= _SAME_CAMERA * max(taken.width, 1):
                 continue
             # Depth in the frame of the colour is registered to it, and seen by its camera.
@@ -214,10 +230,10 @@ def _words(numbers: Float[np.ndarray, " n"]) -> str:
 
 
 def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, LensDistortion | None]:
-    """The camera of a ``sensor_msgs/CameraInfo``, and its distortion where images are not ``rectified``. Raises
-    ValueError if it is empty, of a part of the image, or of a distortion that is not known.
+    """The camera of a ``sensor_msgs/CameraInfo`` that images, ``rectified`` or not, are of, and its distortion where
+    they are not. Raises ValueError if it is empty, of a part of the image, or of a distortion that is not known.
     """
-    fx, fy, cx, cy = _matrix(info)[[0, 4, 2, 5]].tolist()
+    fx, fy, cx, cy = _pinhole(info, rectified=rectified).tolist()
     if not (fx > 0.0 and fy > 0.0 and info.width > 0 and info.height > 0):
         raise ValueError(f"the calibration on {topic} is empty")
     region = info.roi
@@ -233,9 +249,18 @@ def calibration(info: Any, topic: str, *, rectified: bool) -> tuple[Intrinsics, 
     return from_pixel_centres(info.width, info.height, (fx, fy, cx, cy)), bent
 
 
-def _matrix(info: Any) -> Float[np.ndarray, "9"]:
+def _pinhole(info: Any, *, rectified: bool) -> Float[np.ndarray, "4"]:
+    """fx, fy, cx, cy, from the centre of the first pixel [px]."""
     # A bag of ROS 1 has upper-case names.
-    return np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
+    k, p = (info.k, info.p) if hasattr(info, "k") else (info.K, info.P)
+    # K is of the raw image; who never rectified leaves P at zeros.
+    found = (p, [0, 5, 2, 6]) if rectified and p[0] > 0.0 else (k, [0, 4, 2, 5])
+    return np.asarray(found[0], np.float64)[found[1]]
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether the name of a topic says that its images, compressed or not, are rectified."""
+    return "rect" in topic.removeprefix(image_folders(topic)[-1])
 
 
 def image_folders(topic: str) -> tuple[str, ...]:

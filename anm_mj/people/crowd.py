@@ -106,7 +106,7 @@ class Crowd:
             self._path[one] = _far_ahead(self.xy_m[one], self.yaw_rad[one])
         if config.has_chair:
             self._speed_mps[-1], self._stand_until_s[-1], self._path[-1] = _CHAIR_MPS, config.chair_pushed_s, way[1:]
-        if config.blocked_s > 0.0 and config.number:
+        if config.blocked_s > 0.0:
             self.xy_m[0] = self.floor.doorway(robot_xy_m)
             self._next_goal(0, 0.0, False, robot_xy_m)  # It walks on from there.
             self._stand_until_s[0] = config.blocked_s

@@ -51,6 +51,12 @@ class PeopleConfig(Settings, group="people", error=ConfigError):
                 f"people.followers is {self.followers}, but people.number is {self.number}; give no more followers "
                 "than people."
             )
+        if self.blocked_s > 0.0 and self.followers == self.number:
+            raise ConfigError(
+                f"people.blocked_s is {self.blocked_s:g}, but people.number is {self.number} and people.followers "
+                f"{self.followers}, so that nobody stands in a doorway; give somebody who does not follow, or no "
+                "people.blocked_s."
+            )
         if self.doors > 0 and self.number == 0:
             raise ConfigError(
                 f"people.doors is {self.doors}, but people.number is 0, so that nobody opens them; give people, or no "

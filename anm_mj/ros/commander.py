@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.control.speed_and_acceleration import MotionLimits, clipped, slewed
+from anm_mj.errors import RobotError
 from anm_mj.frames import pixel_directions
 from anm_mj.ros.drive_config import RosConfig
 from anm_mj.ros.health import Health
@@ -77,7 +78,8 @@ class Commander:
         self._active_until_s = 0.0
         self._said: str | None = None
         self.stamp_s: Callable[[], float] = time.time
-        """The robot's clock, for stamped velocities."""
+        """The robot's clock, for stamped velocities; one that raises RobotError is a fault."""
+        self._stamped_s = 0.0
         self.way_m: Callable[[], float] = lambda: math.inf
         """How far the way ahead of the robot's axis is free [m]."""
         self.is_blocked = False
@@ -142,5 +144,13 @@ class Commander:
         make = self._node.messages
         twist = make.twist(self._now.forward_mps, self._now.turn_radps)
         if self._config.stamped:
-            twist = make.make(TWIST_STAMPED, header=make.header(self.stamp_s(), "base_link"), twist=twist)
+            twist = make.make(TWIST_STAMPED, header=make.header(self._stamp_s(), "base_link"), twist=twist)
         self._to.publish(twist)
+
+    def _stamp_s(self) -> float:
+        """The robot's clock; where nobody knows it, the last stamp again, because the robot has to be stopped."""
+        try:
+            self._stamped_s = self.stamp_s()
+        except RobotError as err:
+            self._health.fault("stamp", str(err).removesuffix("."))
+        return self._stamped_s

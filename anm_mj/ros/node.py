@@ -250,7 +250,8 @@ class Node:
         try:
             heard(parse(data), publisher)
         except Exception as err:
-            self._on_bad(name, f"{err}" if isinstance(err, ValueError) else f"{type(err).__name__}: {err}")
+            says = isinstance(err, ValueError | RobotError)
+            self._on_bad(name, f"{err}".removesuffix(".") if says else f"{type(err).__name__}: {err}")
 
 
 def require_name(name: str) -> str:

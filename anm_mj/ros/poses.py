@@ -25,6 +25,8 @@ _GAP_S, _FRAME_GAP_S = 0.3, 0.2
 """Between poses of the odometry, or of a frame on tf, that are farther apart, nothing is known [s]."""
 _SAME_TIME_S = 1.0
 """Two programs publish the same link where both did so within this time [s]."""
+_BACK_S = 0.5
+"""A clock by which a link's stamps go back by more was set back; by less, they come out of order [s]."""
 
 
 class Poses:
@@ -66,8 +68,11 @@ class Poses:
             values = place_and_turn(link.transform.translation, link.transform.rotation)
             time_s = seconds(link.header.stamp)
             with self._news:
-                if static and child in self._tree.track:
-                    self._tree.track[child] = Track(f"the frame '{child}'", static=True)
+                known = self._tree.track.get(child)
+                # What was known before a clock was set back is of another time.
+                is_back = known is not None and not known.static and time_s < known.times_s[-1] - _BACK_S
+                if known is not None and (static or is_back):
+                    self._tree.track[child] = Track(f"the frame '{child}'", static=static)
                 self._tree.add(parent, child, time_s, values, static=static)
                 _shorten(self._tree.track[child])
                 self._tree.track[child].gap_s = _FRAME_GAP_S
@@ -87,7 +92,9 @@ class Poses:
 
     @property
     def latest_s(self) -> float:
-        """The stamp of the last pose of the base [s]; -inf before the first."""
+        """The stamp of the last pose of the base [s]; -inf before the first. Raises RobotError if the frames that it
+        comes from are no tree.
+        """
         with self._news:
             track = self._moving()
             return max(track.times_s[-20:]) if track is not None and track.times_s else -math.inf
@@ -127,10 +134,12 @@ class Poses:
 
     @property
     def odometry_frame(self) -> str:
-        """The frame that poses are in: the root of the frames as it was at first, before this program adds one."""
+        """The frame that poses are in: the root of the frames as it was at first, before this program adds one. Raises
+        RobotError if they are no tree.
+        """
         with self._news:
             if not self._root and self.base_frame in self._tree.parents:
-                self._root = self._tree.chain(self.base_frame)[-1]
+                self._root = self._chain()[-1]
             return self._root or ODOM
 
     def _moving(self) -> Track | None:
@@ -138,11 +147,18 @@ class Poses:
             return self._odometry
         if self.base_frame not in self._tree.parents:
             return None
-        chain = self._tree.chain(self.base_frame)
+        chain = self._chain()
         # This program itself says where the frame of the odometry is in the map.
         below = chain[: chain.index(self.odometry_frame)] if self.odometry_frame in chain else chain[:-1]
         moving = [link for link in (self._tree.track[frame] for frame in below) if not link.static]
         return moving[-1] if moving else None
+
+    def _chain(self) -> list[str]:
+        """The frame of the base and those above it."""
+        try:
+            return self._tree.chain(self.base_frame)
+        except ValueError as err:
+            raise _no_tree(err) from err
 
     def _in_root(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
         return self._link(self.base_frame, self.odometry_frame, time_s)
@@ -157,10 +173,12 @@ class Poses:
                 T = self._tree.pose(ancestor, frame, time_s)
                 T = None if T is None else np.linalg.inv(T)
         except ValueError as err:
-            raise RobotError(
-                f"The frames on tf are no tree: {err}; stop one of the programs that publish them."
-            ) from err
+            raise _no_tree(err) from err
         return T
+
+
+def _no_tree(err: ValueError) -> RobotError:
+    return RobotError(f"The frames on tf are no tree: {err}; stop one of the programs that publish them.")
 
 
 def _add(track: Track, time_s: float, pose: Float[np.ndarray, "7"]) -> None:

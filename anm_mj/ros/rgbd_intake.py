@@ -13,7 +13,7 @@ from jaxtyping import Float32, UInt8
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.ros_messages import seconds
-from anm_mj.io.rosbag import calibration
+from anm_mj.io.rosbag import calibration, is_rectified
 from anm_mj.ros.health import Health
 from anm_mj.types import Intrinsics
 
@@ -21,6 +21,9 @@ _KEPT = 12
 """Images of a kind that wait for the other kind."""
 _ALONE = 15
 """After so many depth images in a row without a colour image, the stamps do not meet."""
+
+_Pair = tuple[float, Any, Float32[np.ndarray, "h w"], str]
+"""Stamp of the depth [s], colour as it came, depth [m], frame."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,10 @@ class RgbdIntake:
         self._camera: tuple[Intrinsics, LensDistortion | None] | None = None
         self._shape: tuple[int, ...] | None = None
         self._alone = 0
-        self._pair: tuple[float, Any, Float32[np.ndarray, "h w"], str] | None = None
+        self._latest_s = -math.inf
+        self._pair: _Pair | None = None
+        self._seen: _Pair | None = None
+        """The last one whose colour could be decoded."""
         self._news = threading.Condition()
         self.on_depth: Callable[[float, Float32[np.ndarray, "h w"], Intrinsics, str], None] = lambda *_: None
         """Called with each depth image that has its colour: stamp [s], depth [m], camera, frame."""
@@ -72,11 +78,11 @@ class RgbdIntake:
     @property
     def latest_s(self) -> float:
         """The stamp of the last pair [s]; -inf before the first."""
-        return -math.inf if self._pair is None else self._pair[0]
+        return self._latest_s
 
     def hear_camera(self, message: Any) -> None:
         """Take in ``sensor_msgs/CameraInfo``."""
-        self._camera = calibration(message, self.camera, rectified="rect" in self.depth.rpartition("/")[2])
+        self._camera = calibration(message, self.camera, rectified=is_rectified(self.depth))
 
     def hear_colour(self, message: Any) -> None:
         """Take in a colour image."""
@@ -103,7 +109,9 @@ class RgbdIntake:
             )
 
     def wait_newer(self, than_s: float, within_s: float) -> Rgbd | None:
-        """The last pair, once there is one at or after a stamp [s]; None if that takes too long [s]."""
+        """The last pair, once there is one at or after a stamp [s]; None if that takes too long [s]. One whose colour
+        cannot be decoded, or is of another size than the depth, is dropped, and a fault.
+        """
         with self._news:
             self._news.wait_for(lambda: self._pair is not None and self._pair[0] >= than_s, within_s)
             pair, calibrated = self._pair, self._camera
@@ -111,7 +119,17 @@ class RgbdIntake:
         if pair is None or calibrated is None or pair[0] < than_s:
             return None
         (time_s, colour, depth_m, frame), (camera, bent) = pair, calibrated
-        rgb = colour_image(colour)
+        try:
+            # To decode every image, asked for or not, would cost too much.
+            rgb = colour_image(colour)
+            _require_shape(rgb.shape[:2], depth_m.shape)
+        except (OSError, ValueError) as err:
+            self._health.fault(self.colour, f"{self.colour}: {err}")
+            with self._news:
+                if self._pair is pair:
+                    self._pair = self._seen
+            return self.wait_newer(than_s, 0.0)
+        self._seen = pair
         if bent is not None:
             rgb = undistortion(camera, bent).colour(rgb)
         return Rgbd(time_s, rgb, depth_m, frame, camera)
@@ -124,17 +142,14 @@ class RgbdIntake:
             return
         shape = (message.height, message.width)
         self._shape = self._shape or shape
-        if shape != self._shape:
-            raise ValueError(
-                f"it gives {message.width} x {message.height} pixels after images of {self._shape[1]} x "
-                f"{self._shape[0]}; colour and depth must keep one size and show the same pixels"
-            )
+        _require_shape(shape, self._shape)
 
     def _put(self, there: deque[tuple[float, Any]], time_s: float, message: Any) -> None:
         if there and time_s < there[-1][0]:
             # The clock was set back.
             there.clear()
-            self._pair = None
+            self._pair = self._seen = None
+            self._latest_s = -math.inf
         there.append((time_s, message))
 
     def _match(self) -> None:
@@ -163,7 +178,17 @@ class RgbdIntake:
         frame = depth.header.frame_id.lstrip("/")
         with self._news:
             self._pair = time_s, colour, depth_m, frame
+            self._latest_s = time_s
             self._alone = 0
             self._news.notify_all()
         self._health.hear(self.sources[2], time_s)
         self.on_depth(time_s, depth_m, camera, frame)
+
+
+def _require_shape(found: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    """Raises ValueError for an image of other rows and columns than those before."""
+    if found != expected:
+        raise ValueError(
+            f"it gives {found[1]} x {found[0]} pixels after images of {expected[1]} x {expected[0]}; colour and depth "
+            "must keep one size and show the same pixels"
+        )

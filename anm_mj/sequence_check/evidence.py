@@ -52,7 +52,9 @@ def gather(sequence: Sequence) -> Evidence | None:
     views, camera, place = [], None, {}
     for at, frame in enumerate(frames):
         try:
-            observation = next(replace(sequence, frames=(sequence.frames[frame],)).observations())
+            # It is to raise, whatever share of the sequence may be bad.
+            alone = replace(sequence, frames=(sequence.frames[frame],), max_bad=0.0)
+            observation = next(alone.observations())
         except AnmError:
             continue
         if camera is not None and observation.intrinsics != camera:

@@ -64,6 +64,8 @@ class SceneViews:
         spec.worldbody.add_camera(name="above", fovy=fovy, pos=[x, y, self._height_m])
         self._model = compile_scene(spec, scene)
         self._data = mujoco.MjData(self._model)
+        # The scene may have mocap bodies of its own.
+        self._eye = int(self._model.body("eye").mocapid[0])
 
     def interior_views(self, poses: tuple[Pose2, ...], size_px: int = 256) -> list[UInt8[np.ndarray, "_ _ 3"]]:
         """Colour images from camera height above poses on the floor."""
@@ -107,8 +109,9 @@ class SceneViews:
         return BackfaceCheck(float(changed), float(exact))
 
     def _render_from(self, camera: Camera, pose: Pose2) -> Image:
-        self._data.mocap_pos[0] = (pose.x_m, pose.y_m, EYE_HEIGHT_M)
-        self._data.mocap_quat[0] = (math.cos(pose.yaw_rad / 2), 0.0, 0.0, math.sin(pose.yaw_rad / 2))
+        self._data.mocap_pos[self._eye] = (pose.x_m, pose.y_m, EYE_HEIGHT_M)
+        half = pose.yaw_rad / 2
+        self._data.mocap_quat[self._eye] = (math.cos(half), 0.0, 0.0, math.sin(half))
         return self._render(camera)
 
     def _render(self, camera: Camera) -> Image:

@@ -84,6 +84,15 @@ def test_the_view_from_above_is_light_and_lies_where_the_plan_does(tmp_path):
     np.testing.assert_allclose([[west, south], [east, north]], scene.bounds_m[:, :2], atol=0.04)
 
 
+def test_a_body_of_the_scene_that_is_moved_by_hand_is_not_the_eye(tmp_path):
+    scene, pose = _write(room(), tmp_path / "room"), Pose2(0.5, 0.5, 0.3)
+    (alone,) = SceneViews(scene, select_backend()).interior_views((pose,), 32)
+    text = scene.xml.read_text()
+    scene.xml.write_text(text.replace("<worldbody>", '<worldbody>\n<body name="hand" mocap="true"/>', 1))
+    (among,) = SceneViews(scene, select_backend()).interior_views((pose,), 32)
+    np.testing.assert_array_equal(among, alone)
+
+
 @pytest.mark.parametrize(("file", "says"), [("broken.png", "texture"), ("000_walls.msh", "cannot be compiled")])
 def test_a_damaged_asset_ends_with_status_2_and_one_line(tmp_path, capsys, file, says):
     scene = _write(room(), tmp_path / "room")

@@ -1,5 +1,6 @@
 """Bags as killed recorders, slow localisers and drivers that lie leave them."""
 
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +55,29 @@ def test_a_cut_mcap_is_read_up_to_the_cut(tmp_path, caplog):
     file.write_bytes(whole[:60])
     with pytest.raises(RunFolderError, match="it is cut, and no message of it is whole"):
         open_sequence(file)
+
+
+def without_chunks(data):
+    """The records of an MCAP file that stand in its chunks, one after the other, and no end."""
+    said, at = data[:8], 8
+    while at < len(data) - 8:
+        kind, length = struct.unpack_from("<BQ", data, at)
+        record = data[at : at + 9 + length]
+        at += len(record)
+        if kind == 15:
+            break
+        said += {1: record, 6: record[9 + 40 :]}.get(kind, b"")
+    return said
+
+
+def test_a_cut_mcap_without_chunks_is_read_up_to_the_cut(tmp_path, caplog):
+    said = sorted(images() + poses_by_tf(), key=lambda entry: entry[1])
+    (file,) = write_bag(tmp_path / "bag", said, StoragePlugin.MCAP).glob("*.mcap")
+    whole = without_chunks(file.read_bytes())
+    file.write_bytes(whole[: int(0.8 * len(whole))])
+    sequence, _ = open_sequence(file, SequenceOptions(floor_m=0.0, max_bad=0.9))
+    check(sequence, steps=(0, 1, 2))
+    assert "ends in the middle: the" in caplog.text
 
 
 def test_whole_chunks_before_the_cut_stay_compressed(tmp_path):

@@ -8,6 +8,7 @@ from anm_mj.io.curve_file import read_curve
 from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import read_run, run_title
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.sequence_layouts import open_sequence
 from tests.box_room import new_recorder, record_steps
 
 HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m\n"
@@ -164,6 +165,14 @@ def test_a_robot_that_was_lost_may_be_found_anywhere(run_folder, caplog):
     edit(run_folder / "frames.jsonl", lose)
     read_run(run_folder)
     assert not caplog.records
+
+
+def test_a_run_that_is_mapped_again_has_the_times_of_its_images(run_folder):
+    edit(run_folder / "frames.jsonl", lambda lines: [lines[0], *({**line, "image_age_s": 0.1} for line in lines[1:])])
+    sequence, _ = open_sequence(run_folder)
+    taken_s = [frame.time_s for frame in sequence.frames]
+    told_s = [frame.time_s for frame in read_run(run_folder).frames]
+    assert taken_s == [told_s[0], *(pytest.approx(time_s - 0.1) for time_s in told_s[1:])]
 
 
 def test_a_frame_is_missing(run_folder):

@@ -11,8 +11,10 @@ from rosbags.rosbag2 import StoragePlugin
 
 from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
+from anm_mj.io.rosbag import is_rectified
 from anm_mj.io.sequence_floor import find_floor_m
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
+from anm_mj.types import Intrinsics
 from tests.io.bags import (
     CAMERA,
     COLOUR,
@@ -136,6 +138,38 @@ def test_a_camera_that_the_user_gives_stands_for_the_calibration(tmp_path, lacks
     path = write_bag(tmp_path / "bag", [one for one in said if lacks == "zeros" or one[0] != INFO])
     camera = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
     check(open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera))[0])
+
+
+def test_a_camera_that_the_user_gives_keeps_size_and_distortion_of_the_calibration(tmp_path):
+    def stated(width, height):
+        said = changed(INFO, lambda m, k: replace(m, d=np.full(5, 0.1), width=width, height=height))
+        path = write_bag(tmp_path / f"{width}", said)
+        return open_sequence(path, SequenceOptions(floor_m=0.0, camera=(50.0, 51.0, 60.0, 45.0)))[0]
+
+    large = stated(128, 96)
+    assert large.intrinsics == Intrinsics(128, 96, 50.0, 51.0, 60.0, 45.0)
+    assert large.distortion.coefficients == (0.1,) * 5
+    # A calibration of another aspect knows less about the size than the images.
+    assert stated(640, 100).intrinsics == Intrinsics(64, 48, 50.0, 51.0, 60.0, 45.0)
+
+
+@pytest.mark.parametrize("depth", ["/cam/depth/image_rect", "/cam/depth/image_raw"])
+def test_rectified_images_are_of_another_camera_than_raw_ones(tmp_path, depth, caplog):
+    def info(message, _):
+        p = np.array([540.0, 0.0, 31.0, 0.0, 0.0, 550.0, 23.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+        return replace(message, k=np.array([600.0, 0.0, 30.0, 0.0, 610.0, 22.0, 0.0, 0.0, 1.0]), p=p)
+
+    beside = depth.rpartition("/")[0] + "/camera_info"
+    said = [({DEPTH: depth, INFO: beside}.get(topic, topic), t, m) for topic, t, m in changed(INFO, info)]
+    said += [("/camera/color/camera_info", t, m) for topic, t, m in changed(beside, info, said) if topic == beside]
+    other = changed(beside, lambda m, _: replace(m, p=1.5 * m.p), said)
+    camera = open_sequence(write_bag(tmp_path / "bag", other), SequenceOptions(floor_m=0.0))[0].intrinsics
+    if "rect" in depth:
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (540.0, 550.0, 31.5, 23.5)
+    else:
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (600.0, 610.0, 30.5, 22.5)
+    assert ("two calibrations differ" in caplog.text) == ("rect" in depth)
+    assert is_rectified(f"{depth}/compressedDepth") == ("rect" in depth)
 
 
 @pytest.mark.parametrize(

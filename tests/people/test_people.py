@@ -139,11 +139,18 @@ def test_a_floor_that_is_full_says_how_many_it_holds(floor, scene):
         ("people.number=-1", "people.number is -1; it must be a number at least 0"),
         ("people.slowest_mps=1.5", "people.slowest_mps is 1.5; it must be at most fastest_mps, 1.2"),
         ("people.followers=2", "people.followers is 2, but people.number is 0"),
+        ("people.blocked_s=60", "people.blocked_s is 60, but people.number is 0 and people.followers 0, so that"),
     ],
 )
 def test_impossible_people_end_in_a_sentence(setting, sentence):
     with pytest.raises(ConfigError, match=sentence):
         make_config("default", [setting], scene="home")
+
+
+def test_who_follows_the_robot_stands_in_no_doorway():
+    with pytest.raises(ConfigError, match=r"people.number is 2 and people.followers 2, so that nobody stands"):
+        PeopleConfig(number=2, followers=2, blocked_s=60.0)
+    PeopleConfig(number=2, followers=1, blocked_s=60.0)
 
 
 def test_images_begun_ahead_show_people_where_they_will_be(scene):

@@ -78,6 +78,21 @@ def test_a_rate_that_no_recording_can_be_played_at_is_one_sentence(bag, capsys, 
     assert "give a number from 0.01 to 100" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--sensor", "d435i"],
+        ["--set", "model.wheel_noise=0.02"],
+        ["--image-hz", "10"],
+        ["--robot", "diff_drive"],
+        ["--seed", "0"],
+    ],
+)
+def test_a_recording_has_no_options_of_a_robot(bag, capsys, option):
+    assert main(["simulate", str(bag), "--ros", *option]) == 2
+    assert f"{option[0]} is {option[1].removesuffix('.0')}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("duration", ["0", "-1", "nan"])
 def test_a_duration_that_is_none_is_one_sentence(bag, capsys, duration):
     assert main(["simulate", str(bag), "--ros", f"--duration={duration}"]) == 2

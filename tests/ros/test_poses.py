@@ -1,12 +1,20 @@
 """Where a live robot is, by the frames on tf alone."""
 
+from dataclasses import replace
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
+from anm_mj.errors import RobotError
 from anm_mj.io.ros_messages import RosMessages
+from anm_mj.ros.commander import STILL, Commander
+from anm_mj.ros.drive_config import RosConfig
 from anm_mj.ros.health import Health
+from anm_mj.ros.node import Node
 from anm_mj.ros.poses import TREE, Poses
-from anm_mj.types import Pose2
+from anm_mj.types import Pose2, Twist
+from tests.ros.conftest import wait_until
 
 
 def test_frames_above_the_odometry_are_no_news_of_the_robot():
@@ -28,3 +36,47 @@ def test_frames_above_the_odometry_are_no_news_of_the_robot():
     assert poses.latest_s == pytest.approx(5.1)
     assert poses.base(5.1) == Pose2(1.5, 0.0, 0.0)
     assert poses.odometry_frame == "odom"
+
+
+def test_what_was_known_before_the_clock_was_set_back_is_forgotten():
+    make, poses = RosMessages(), Poses(Health(0.2), "")
+    poses.source = TREE
+    before, after = (make.base_link("odom", "base_link", Pose2(x_m, 0.0, 0.0)) for x_m in (0.0, 5.0))
+    for link, steps in ((before, 21), (after, 11)):
+        for step in range(steps):
+            poses.hear_frames(make.transforms(10.0 + 0.1 * step, [link]), 1, static=False)
+
+    found = poses.base(10.45)
+    assert found is not None
+    assert found.x_m == 5.0
+    assert poses.latest_s == pytest.approx(11.0)
+    # Messages of two publishers come out of order by less.
+    poses.hear_frames(make.transforms(10.8, [after]), 1, static=False)
+    assert poses.base(10.45) == found
+
+
+def test_a_base_in_two_frames_is_told_and_the_robot_is_stopped():
+    make, health = RosMessages(), Health(0.2)
+    poses, node = Poses(health, ""), Mock(spec=Node, messages=make)
+    for parent in ("odom", "map"):
+        poses.hear_frames(
+            make.transforms(5.0, [make.base_link(parent, "base_link", Pose2(0.0, 0.0, 0.0))]), 1, static=False
+        )
+    poses.source = TREE
+    said = "The frames on tf are no tree: the frame 'base_link' stands in several: 'odom', 'map'; stop one of the"
+    with pytest.raises(RobotError, match=said):
+        _ = poses.odometry_frame
+    with pytest.raises(RobotError, match=said):
+        _ = poses.latest_s
+
+    commander = Commander(node, replace(RosConfig(), stamped=True), health)
+    sent = node.publisher.return_value.publish
+    try:
+        commander.stamp_s = lambda: poses.latest_s
+        commander.drive(Twist(0.3, 0.0))
+        wait_until(lambda: str(health.present()).startswith("The frames on tf are no tree"))
+        wait_until(lambda: sent.call_count > 5)
+    finally:
+        commander.close()
+    assert commander._now == STILL
+    assert sent.call_args.args[0].twist.linear.x == 0.0

@@ -16,6 +16,15 @@ from anm_mj.sequence_check.warn_and_fix import BeforeMapping, options
 from tests.sequence_check.conftest import CAMERA, frame, pose_at
 
 
+def test_a_frame_that_cannot_be_read_is_left_out_whatever_share_may_be_bad(walk, tmp_path):
+    (tmp_path / "cut.jpg").write_bytes(b"\xff\xd8\xff")
+    frames = [*walk.frames[:12]]
+    frames[4] = replace(frames[4], colour=tmp_path / "cut.jpg")
+    evidence = gather(replace(walk, frames=tuple(frames), max_bad=1.0))
+    assert evidence is not None
+    assert len(evidence.views) == 11
+
+
 def verdict_of(sequence):
     evidence = gather(sequence)
     assert evidence is not None
