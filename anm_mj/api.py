@@ -153,11 +153,12 @@ def _described(folder: RunFolder, metrics: dict[str, Any]) -> list[str]:
     mesh = {"accuracy {:.2f} cm": "accuracy_cm", "F-score {:.1f} %": "observed_f_score"}
     known = [form.format(metrics[key]) for form, key in mesh.items() if metrics.get(key) is not None]
     run, *came_to = titled(folder, metrics).split("\n")
-    ended = metrics.get("stop_reason") or "not ended"
+    # The mapping of a recorded sequence has no stop reason.
+    ended = [str(metrics.get("stop_reason") or "not ended")] if "stop_reason" in metrics or not metrics else []
     return [
         f"run       {run}",
         f"folder    {folder.path}",
-        f"came to   {', '.join([*came_to, str(ended)])}",
+        f"came to   {', '.join([*came_to, *ended])}",
         f"mesh      {', '.join(known) or 'not compared with the truth'}",
     ]
 

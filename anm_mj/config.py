@@ -75,7 +75,7 @@ class RunConfig(SimulationConfig):
     """Rule of the budget: ``scene`` (the scene's own, or else by floor), ``area`` (by floor), or ``rooms`` (the
     paper's, by the number of rooms)."""
     device: str = "auto"
-    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto`` (the CPU by the native engine; others take a GPU where
+    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto`` (the CPU by the native engine; others take a GPU if
     there is one)."""
     continue_from: str | None = None
     """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =

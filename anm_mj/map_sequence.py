@@ -3,6 +3,8 @@
 Its poses are taken as they come, or found by localisation in the map that grows from it.
 """
 
+from __future__ import annotations
+
 import logging
 import sys
 import time
@@ -17,6 +19,7 @@ from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
+from anm_mj.io.folder_hold import FolderHold
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
@@ -30,8 +33,8 @@ from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping_results import frame_metrics, tracking_metrics, write_map
 from anm_mj.mapping_state import MappingState, facts_of, open_logs, stored_mapping
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, policy_class
-from anm_mj.protocols import Policy
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import frame_fit
@@ -64,7 +67,8 @@ def map_sequence(
             sequence are a prior of the motion between its frames, where it has any.
         footprint: The robot that the top-down map is for.
         out: The run folder; None = a new one below ``runs/``.
-        shadow: Whether the policy decides at every frame, without being obeyed; its decisions are recorded.
+        shadow: Whether the policy decides at every frame, without being obeyed; its decisions are recorded. A fault of
+            the policy is the last one, and the mapping goes on.
         reference: Poses that the tracked ones are compared with, at the times of the sequence; for ``slam`` only.
         verdict: What a check found before; its figures go to ``metrics.json``.
         corrections: Options that it found and that were applied, for the manifest.
@@ -80,6 +84,19 @@ def map_sequence(
         CheckpointError: The run cannot be resumed.
     """
     mapping = _Mapping(sequence, config, footprint, out, resume, shadow=shadow, corrections=corrections)
+    with mapping.hold:
+        _map(mapping, sequence, reference, verdict, observers)
+    return mapping.folder
+
+
+def _map(
+    mapping: _Mapping,
+    sequence: Sequence,
+    reference: Track | None,
+    verdict: Verdict | None,
+    observers: Collection[Observer],
+) -> None:
+    """Map all frames and write the results; arguments as of :func:`map_sequence`."""
     folder, state, checkpointer = mapping.folder, mapping.state, mapping.checkpointer
 
     def tell(event: object) -> bool:
@@ -126,7 +143,6 @@ def map_sequence(
             text = "Mapping ended after %d frames; %s holds the map up to there."
             _logger.warning(text, len(state.records), folder.path)
         raise failure
-    return folder
 
 
 class _Mapping:
@@ -150,6 +166,7 @@ class _Mapping:
         tracks = config.pose == "slam"
         self._tracker = make_tracker(config, self._map, has_poses=sequence.has_poses) if tracks else None
         self._policy = _shadow_policy(config, footprint) if shadow else None
+        self._options = {"radius": footprint.radius_m, "height": footprint.z_max_m, "shadow": shadow}
         stored = None
         if resume is None:
             name = config.policy if shadow else RECORDED
@@ -158,9 +175,10 @@ class _Mapping:
             write_json(self.folder.manifest, manifest(said, sys.argv))
             write_json(self.folder.config, config)
         else:
-            self.folder, stored = stored_mapping(resume, sequence, config)
+            self.folder, stored = stored_mapping(resume, sequence, config, self._options)
             say_other_engine(stored, self._map.backend.name)
             self._begin -= float(stored.facts["wall_s"])
+        self.hold = FolderHold(self.folder.path)
         self._log, self._cameras = open_logs(self.folder, config, stored, tracks=tracks)
         self.state = MappingState()
         parts = {
@@ -192,7 +210,8 @@ class _Mapping:
     def _facts_and_files(self) -> tuple[dict[str, Any], list[Path]]:
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
         files = [*self._log.files, *self._cameras]
-        said = facts_of(self._sequence, self._config, self._map.backend.name, files, self.wall_s)
+        engine = self._map.backend.name
+        said = facts_of(self._sequence, self._config, self._options, engine, files, self.wall_s)
         since = self.checkpointer.synced_step
         new = [self.folder.depth(record.step) for record in self.state.records if record.step >= since]
         return said, [*(file.path for file in files), *new]
@@ -221,7 +240,8 @@ class _Mapping:
             # A trajectory in this format is of the poses that are known.
             for file in self._cameras:
                 file.line(camera_line(observation.time_s, observation.T_world_camera))
-            if self._policy is not None:
+            # After a fault it is not asked again, and the mapping goes on.
+            if self._policy is not None and not self._policy.has_failed:
                 if record.is_mapped:
                     self._policy.observe(observation)
                 plan = self._policy.plan(self._map, observation)
@@ -266,12 +286,13 @@ def _record(observation: Observation, estimate: PoseEstimate | None, update: Map
     return FrameRecord(observation.step, observation.time_s, pose, T, pose, T, is_lost, is_mapped, update.closes_loop)
 
 
-def _shadow_policy(config: RunConfig, footprint: Footprint) -> Policy:
+def _shadow_policy(config: RunConfig, footprint: Footprint) -> GuardedPolicy:
     """The policy without its bootstrap rotation: the recording turns as it turns."""
     settings = config.policy_settings
     if any(field.name == "bootstrap_turns" for field in fields(settings)):
         settings = replace(settings, bootstrap_turns=0)
-    return make_policy(config.policy, PolicyContext(footprint, settings, config.planning, config.seed))
+    policy = make_policy(config.policy, PolicyContext(footprint, settings, config.planning, config.seed))
+    return GuardedPolicy(policy, config.policy, "The mapping goes on without decisions")
 
 
 def _facts(config: RunConfig, neural_map: NeuralMap, policy: str) -> RunFacts:

@@ -1,7 +1,7 @@
 """Where the mapping of a recorded sequence stands, for a checkpoint, and how it is read back."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,25 +47,35 @@ class _Facts(LoggedFacts):
     """What a mapping says of itself in a checkpoint."""
 
     config: dict[str, Any]
+    options: dict[str, Any]
+    """Others than the configuration's."""
     sequence: str
     """Hash of the frames."""
 
 
 def facts_of(
-    sequence: Sequence, config: RunConfig, engine: str, files: Iterable[LineWriter], wall_s: float
+    sequence: Sequence,
+    config: RunConfig,
+    options: Mapping[str, Any],
+    engine: str,
+    files: Iterable[LineWriter],
+    wall_s: float,
 ) -> dict[str, Any]:
-    """What a checkpoint says beside the state."""
+    """What a checkpoint says beside the state; ``options`` are those that the configuration does not hold."""
     sizes = {file.path.name: file.size for file in files}
     return {
         "files": sizes,
         "engine": engine,
         "wall_s": wall_s,
         "config": to_json(config),
+        "options": dict(options),
         "sequence": _digest(sequence),
     }
 
 
-def stored_mapping(path: Path, sequence: Sequence, config: RunConfig) -> tuple[RunFolder, StoredState]:
+def stored_mapping(
+    path: Path, sequence: Sequence, config: RunConfig, options: Mapping[str, Any]
+) -> tuple[RunFolder, StoredState]:
     """The newest checkpoint of a mapping that did not end. Raises RunFolderError if the folder is no run, and
     CheckpointError if there is none, or it is one of another sequence or of other settings.
     """
@@ -76,9 +86,10 @@ def stored_mapping(path: Path, sequence: Sequence, config: RunConfig) -> tuple[R
     if facts.sequence != _digest(sequence):
         raise CheckpointError(
             f"The sequence is not the one that {folder.path} began with, or is read in another way (camera, poses, "
-            "floor, every Nth frame); give the same, or start a new run."
+            "colour, floor, every Nth frame); give the same, or start a new run."
         )
-    before, now = dict(leaves(facts.config)), dict(leaves(to_json(config)))
+    before = {**dict(leaves(facts.config)), **facts.options}
+    now = {**dict(leaves(to_json(config))), **options}
     name = first_difference(before, now, _FREE)
     if name is not None:
         raise CheckpointError(
@@ -103,5 +114,5 @@ def _digest(sequence: Sequence) -> str:
     frames = sequence.frames
     numbers = np.array([[frame.time_s, *frame.T_world_camera.ravel()] for frame in frames])
     facts = (sequence.intrinsics, sequence.depth_unit_m, sequence.depth_scale, sequence.ray_depth, sequence.mirrored)
-    said = repr((len(frames), facts, sequence.distortion, sequence.has_poses))
+    said = repr((len(frames), facts, sequence.distortion, sequence.has_poses, sequence.colour_offset_s))
     return hashlib.sha256(said.encode() + numbers.astype(np.float64).tobytes()).hexdigest()

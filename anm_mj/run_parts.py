@@ -118,7 +118,9 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         facts = _facts(config, scene, robot, mapper, backend, prior)
         localiser = make_localiser(config, mapper)
         policy = wrapped_policy(explorer, config, robot.footprint)
-        exact = config.pose == "true" and not config.sensor.misses and not config.people.num_bodies
+        # With a wrong stamp, the camera was not where its pose says.
+        true_poses = config.pose == "true" and config.sensor.stamp_error_s == 0.0
+        exact = true_poses and not config.sensor.misses and not config.people.num_bodies
         true_view = None if exact else robot.true_view
         yield Parts(config, scene.name, robot, mapper, localiser, explorer, policy, facts, truth, true_view)
 

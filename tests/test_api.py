@@ -73,6 +73,13 @@ def test_a_run_describes_itself_in_five_lines_and_to_notebooks_with_its_map(run)
     assert repr(anm_mj.Exploration(run.content.folder.path, run.metrics)).count("\n") == 4
 
 
+def test_only_a_run_that_did_not_end_is_said_not_to_have(run):
+    folder = run.content.folder.path
+    killed, ended, mapped = {"stop_reason": None}, {"stop_reason": "BUDGET"}, {"frames": 7}
+    for metrics, said in (({}, True), (killed, True), (ended, False), (mapped, False)):
+        assert ("not ended" in repr(anm_mj.Exploration(folder, metrics))) == said
+
+
 @pytest.mark.parametrize("what", ["topdown", "curve"])
 def test_a_run_is_plotted(run, what):
     with Image.open(io.BytesIO(run.plot(what)._repr_png_())) as picture:

@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ import trimesh
 from anm_mj.api import load_run
 from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
+from anm_mj.io.folder_hold import FolderHold
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.map_sequence import _Mapping
+from anm_mj.planning.policies.random_walk import RandomWalk
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
 
@@ -74,6 +77,34 @@ def test_a_run_folder_can_be_mapped_again(mapped, tmp_path):
     assert main(words) == 0
     assert len(read_jsonl(tmp_path / "again" / "frames.jsonl")) == 8
     assert read_jsonl(tmp_path / "again" / "plans.jsonl") == []
+
+
+class Failing(RandomWalk):
+    """Ends the program at its third decision."""
+
+    def plan(self, mapper, observation):
+        return super().plan(mapper, observation) if observation.step < 2 else sys.exit()
+
+
+def test_a_shadow_that_fails_does_not_end_the_mapping(sequence, tmp_path, capsys):
+    """It goes on without decisions, also after it was interrupted."""
+    folder, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(sequence, folder)
+    words = ["map", str(folder), "--preset", "quick", "--shadow", "--policy", "tests.test_map_sequence:Failing"]
+    (folder / "rgb").rename(tmp_path / "rgb")
+    (folder / "rgb").mkdir()
+    for step in range(5):
+        shutil.copy(tmp_path / "rgb" / f"{step:06d}.png", folder / "rgb")
+    assert main([*words, "--out", str(out)]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.count("The mapping goes on without decisions because policy tests.test_map_sequence:Failing") == 1
+    shutil.copytree(tmp_path / "rgb", folder / "rgb", dirs_exist_ok=True)
+    assert main([word for word in [*words, "--resume", str(out)] if word != "--shadow"]) == 2
+    assert "shadow is False, and" in " ".join(capsys.readouterr().err.split())
+    assert main([*words, "--resume", str(out)]) == 0
+    assert len(read_jsonl(out / "frames.jsonl")) == 16
+    plans = read_jsonl(out / "plans.jsonl")
+    assert [(plan["step"], plan["stop"]) for plan in plans] == [(0, None), (1, None), (2, "POLICY_ERROR")]
 
 
 @pytest.mark.parametrize(
@@ -138,12 +169,17 @@ def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(
     assert main([*words, "--out", str(out)]) == 2
     assert f"with --resume {out} in place of --out" in " ".join(capsys.readouterr().err.split())
     assert len(read_jsonl(out / "frames.jsonl")) == 5
-    assert main([*words, "--resume", str(out), "--seed", "1"]) == 2
-    assert "seed is 1, and" in " ".join(capsys.readouterr().err.split())
-    assert main([*words, "--resume", str(out), "--every", "2"]) == 2
-    assert "The sequence is not the one that" in " ".join(capsys.readouterr().err.split())
+    for option, value in (("seed", 1), ("radius", 0.3), ("height", 1.0)):
+        assert main([*words, "--resume", str(out), f"--{option}={value}"]) == 2
+        assert f"{option} is {value}, and" in " ".join(capsys.readouterr().err.split())
+    for option in ("--every=2", "--colour-offset=0.001"):
+        assert main([*words, "--resume", str(out), option]) == 2
+        assert "The sequence is not the one that" in " ".join(capsys.readouterr().err.split())
     for path in tmp_path.glob("*.png"):
         path.rename(folder / "rgb" / path.name)
+    with FolderHold(out):
+        assert main([*words, "--resume", str(out)]) == 2
+        assert "Another program is writing" in capsys.readouterr().err
     map_frame, had_map = _Mapping.map_frame, []
 
     def spy(*arguments) -> bool:

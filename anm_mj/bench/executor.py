@@ -141,7 +141,7 @@ def _local(
             yield futures[future], error
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        # Those of a comparison that ends in an error: nobody would wait for them, and the next one removes their folders.
+        # Those of a comparison that ends in an error: nobody waits for them, and the next one removes their folders.
         for process in tuple(_RUNNING):
             process.kill()
         pool.shutdown()

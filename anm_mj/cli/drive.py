@@ -1,6 +1,8 @@
 """``anm-mj drive``: one run on a robot that speaks ROS 2."""
 
 import functools
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -55,10 +57,13 @@ def drive(
     from anm_mj.ros.drive import drive as drive_robot
     from anm_mj.ros.drive_config import DriveConfig
 
+    # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
+    sys.path.insert(0, os.getcwd())
     if resume is not None:
+        policy = options.pop("policy", None)
         own = {"out": out, "namespace": namespace or None, "topic": topic or None, "steps": steps, "pose": pose}
         refuse_beside_resume(drive, {**own, "dry": dry or None, "settings": settings or None, **options})
-        return show_run(functools.partial(go_on, resume, waits=wait), verbose=verbose, live=True)
+        return show_run(functools.partial(go_on, resume, policy=policy, waits=wait), verbose=verbose, live=True)
     topics = topics_by_role(topic)
     if strange := sorted(topics.keys() - _ROLES):
         raise ConfigError(f"--topic {strange[0]}=... names no role; give one of {', '.join(sorted(_ROLES))}.")

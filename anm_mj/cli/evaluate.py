@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from anm_mj.cli.command_line import Report
+from anm_mj.cli.option_types import refuse_idle
 
 
 def evaluate(
@@ -22,6 +23,8 @@ def evaluate(
     from anm_mj.cli.run_summary import report_metrics
     from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run
 
+    if not novel_views:
+        refuse_idle({"--scene": scene}, "it is read for novel views alone; add --novel-views")
     console = PlainConsole()
     novel, fixed = None, None
     if novel_views:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from anm_mj.cli.command_line import Option
-from anm_mj.cli.option_types import Count, NewFile, NewFolder
+from anm_mj.cli.option_types import Count, NewFile, NewFolder, refuse_idle
 from anm_mj.errors import ConfigError
 
 
@@ -32,8 +32,8 @@ def export(
     formats: Annotated[Sequence[str], Option("--format NAME", names=_formats)] = (),
     out: NewFolder | None = None,
     video: NewFile | None = None,
-    fps: float = 15.0,
-    every: Count = 1,
+    fps: float | None = None,
+    every: Count | None = None,
     scene: str | None = None,
     start: Annotated[float | None, Option("TIME", _start)] = None,
 ) -> int:
@@ -44,8 +44,8 @@ def export(
         formats: for other tools; may be repeated
         out: folder of --format; by default RUN/export
         video: a film, film.mp4 or film.gif
-        fps: steps per second of the film
-        every: show every Nth step only
+        fps: steps per second of the film (default: 15)
+        every: show every Nth step only (default: 1)
         scene: name or folder of the run's scene, if it kept no images and has moved
         start: when the run began, for rosbag: 2026-05-01T09:30 (UTC), seconds since 1970, or 0 to count from its start;
             by default when it was made
@@ -54,6 +54,11 @@ def export(
 
     if video is None and not formats:
         raise ConfigError("Nothing to export; name a film by --video film.mp4, or a format, as in --format glb.")
+    film = {name: value for name, value in {"fps": fps, "every": every, "scene": scene}.items() if value is not None}
+    if video is None:
+        refuse_idle({f"--{name}": value for name, value in film.items()}, "no film is written; add --video film.mp4")
+    if not formats:
+        refuse_idle({"--out": out, "--start": start}, "no other format is written; add --format NAME")
     console = PlainConsole()
     if formats:
         from anm_mj.export.formats import export_run
@@ -66,7 +71,7 @@ def export(
         from anm_mj.replay.timeline import read_timeline
 
         with progress_bar(console, "film") as on_progress:
-            write_film(read_timeline(run), video, fps=fps, every=every, scene=scene, on_progress=on_progress)
+            write_film(read_timeline(run), video, **film, on_progress=on_progress)
         console.say(_written(video))
     return 0
 

@@ -3,7 +3,7 @@
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from anm_mj.cli.command_line import Fields, Option
 from anm_mj.errors import ConfigError
@@ -37,6 +37,15 @@ def require_read(settings: Sequence[str], *read: str) -> None:
         name = text.partition("=")[0].strip()
         if not {name, name.partition(".")[0]} & set(read):
             raise ConfigError(f"--set {name} has no effect here; this command reads settings of {', '.join(read)}.")
+
+
+def refuse_idle(given: Mapping[str, Any], why: str) -> None:
+    """Raises ConfigError for an option without effect that was given, by its name; the value of one that was not is
+    None, or False. ``why`` says the reason and what to do.
+    """
+    for flag, value in given.items():
+        if value is not None and value is not False:
+            raise ConfigError(f"{flag} is {'given' if value is True else value}, but {why}.")
 
 
 def policy_names(*, has_truth: bool = True) -> Iterator[str]:

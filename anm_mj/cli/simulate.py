@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from anm_mj.cli.command_line import Fields, Option
-from anm_mj.cli.option_types import Settings
+from anm_mj.cli.option_types import Settings, refuse_idle, require_read
 from anm_mj.errors import ConfigError
 from anm_mj.sim.sensors.sensor_config import SENSORS
 
@@ -23,7 +23,7 @@ def simulate(
     ros: bool = False,
     namespace: Annotated[str, Option("NAME")] = "",
     rate: Annotated[float, Option("N")] = 1.0,
-    image_hz: Annotated[float, Option("HZ")] = 10.0,
+    image_hz: Annotated[float | None, Option("HZ")] = None,
     duration: Annotated[float | None, Option("SECONDS")] = None,
     sensor: Annotated[str | None, Option(names=lambda: SENSORS)] = None,
     settings: Settings = (),
@@ -38,10 +38,10 @@ def simulate(
         ros: speak ROS 2 (DDS, domain ROS_DOMAIN_ID)
         namespace: of its topics, where there are several robots
         rate: simulated seconds per second; what cannot be drawn in time is left out
-        image_hz: pairs of colour and depth per simulated second
+        image_hz: pairs of colour and depth per simulated second (default: 10)
         duration: end after so many simulated or recorded seconds; by default at Ctrl-C, or with the recording
         sensor: errors of the camera (exact by default), in detail by --set sensor.NAME=VALUE
-        settings: settings of robot and sensor, as in model.wheel_noise=0.02; may be repeated
+        settings: settings of robot, camera, sensor and people, as in model.wheel_noise=0.02; may be repeated
         **options: fields of ``SimulationConfig``
 
     Raises:
@@ -66,6 +66,9 @@ def simulate(
         from anm_mj.ros.bag_player import play
         from anm_mj.ros.simulated_robot import require_rate
 
+        given = {f"--{name}": value for name, value in options.items()}
+        given |= {"--image-hz": image_hz, "--sensor": sensor, "--set": next(iter(settings), None)}
+        refuse_idle(given, "a recording is played as it is; leave it out")
         require_rate(rate)
         with Node(namespace) as node, Interrupt(console, "Ending.") as interrupt:
             console.say(f"{scene} is played at {rate:g} times its time; Ctrl-C ends it.")
@@ -78,12 +81,14 @@ def simulate(
     config = make_config(
         DEFAULT_PRESET, list(settings), scene=folder_of(scene), sensor=sensor, pose="odometry", **options
     )
+    require_read(settings, "model", "camera", "sensor", "people", "image_px")
     world = load_scene(config.scene)
     from anm_mj.ros.simulated_robot import SimulatedRosRobot
     from anm_mj.sim.make_robot import make_robot
 
+    images = {} if image_hz is None else {"image_hz": image_hz}
     with Node(namespace) as node, make_robot(world, config, knows_start=False, forgets_textures=True) as robot:
-        served = SimulatedRosRobot(robot, node, image_hz=image_hz, rate=rate)
+        served = SimulatedRosRobot(robot, node, rate=rate, **images)
         with Interrupt(console, "Ending.") as interrupt:
             console.say(f"{world.name}: the robot listens to {node.name('cmd_vel')}; Ctrl-C ends it.")
             done = served.serve(lambda: interrupt.is_requested, duration or math.inf)

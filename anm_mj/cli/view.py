@@ -3,7 +3,7 @@
 from contextlib import closing, suppress
 from pathlib import Path
 
-from anm_mj.cli.option_types import NewFile, Port
+from anm_mj.cli.option_types import NewFile, Port, refuse_idle
 
 
 def view(
@@ -36,6 +36,8 @@ def view(
     from anm_mj.utils.files import write_text
     from anm_mj.viz.page_server import FIRST_PORT, PageServer
 
+    if export_html is not None:
+        refuse_idle({"--port": port, "--no-browser": no_browser}, "the page becomes a file; leave out --export-html")
     console = PlainConsole()
     timelines = [read_timeline(path) for path in (run, other) if path is not None]
     pages = []

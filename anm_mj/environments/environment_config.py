@@ -2,7 +2,10 @@
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any, cast
+
+import numpy as np
 
 from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
@@ -12,6 +15,7 @@ from anm_mj.robot.robot_presets import preset_config
 from anm_mj.sim.sensors.sensor_config import SensorConfig, sensor_config
 from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, reality_of
 from anm_mj.types import FORWARD_STEP_M
+from anm_mj.utils.settings import of_type
 
 REACH_M = 1000.0
 """Largest distance from the start within an episode [m]; bounds the observed position in every scene."""
@@ -107,13 +111,25 @@ class EnvironmentConfig:
 
 def explore_config(**options: Any) -> EnvironmentConfig:
     """A configuration from options. Raises TaskError for an unknown one, an invalid start, or a wrong value."""
-    known = [field.name for field in dataclasses.fields(EnvironmentConfig)]
+    known = {field.name: field.default for field in dataclasses.fields(EnvironmentConfig)}
     unknown = sorted(set(options) - set(known))
     if unknown:
         raise TaskError(f'The task has no option "{unknown[0]}"; it has {", ".join(known)}.')
-    if options.get("start") is not None:
-        require_start(options["start"])
-    return EnvironmentConfig(**options)
+    given = {name: _of_type(name, value) for name, value in options.items() if value is not known[name]}
+    return EnvironmentConfig(**given)
+
+
+def _of_type(name: str, value: Any) -> Any:
+    """The value of an option as its type; numbers of NumPy and paths, too. Raises TaskError if it is of another one."""
+    if name == "start":
+        require_start(value)
+        return value
+    plain = value.item() if isinstance(value, np.generic) else str(value) if isinstance(value, Path) else value
+    try:
+        return of_type(EnvironmentConfig, name, plain)
+    except ValueError as err:
+        said = str(err).replace("null", "None")
+        raise TaskError(f"{name} is {value!r} ({said}); give a value of the right type.") from err
 
 
 def _options_of(reality: str) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import DEFAULT_FOOTPRINT, Intrinsics, Observation, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 from anm_mj.utils.progress import Progress, unheard
@@ -100,7 +101,11 @@ def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:
 
 def _key(scene: Scene, num_views: int) -> str:
     """A name made from everything that the views depend on."""
-    digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{num_views}\0{VIEW_PX}\0{DEFAULT_FOOTPRINT}\0".encode())
+    # The cameras draw other colours.
+    with make_robot(scene, must_fit=False, image_px=VIEW_PX) as robot:
+        camera = robot.camera_kind
+    said = f"{METHOD}\0{scene.hash}\0{num_views}\0{VIEW_PX}\0{DEFAULT_FOOTPRINT}\0{camera}\0"
+    digest = hashlib.sha256(said.encode())
     digest.update(robot_path(DEFAULT_ROBOT).read_bytes())
     return digest.hexdigest()[:32]
 

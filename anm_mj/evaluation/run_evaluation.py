@@ -59,7 +59,8 @@ def evaluate_run(
     metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
     compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
     camera pose, whatever pose the robot believed. Raises RunFolderError if the folder is no run, is being written, or a
-    file in it is damaged. ``on_progress`` is called with done and total rounds while the observable surface is computed.
+    file in it is damaged. ``on_progress`` is called with done and total rounds while the observable surface is
+    computed.
     """
     run = read_run(path)
     with FolderHold(run.folder.path):

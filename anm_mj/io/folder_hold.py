@@ -18,7 +18,7 @@ class FolderHold:
         try:
             folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
         except OSError as err:
-            raise RunFolderError(f"{path} cannot be opened ({err.strerror}); give the folder that a run wrote.") from err
+            raise RunFolderError(f"{path} cannot be opened ({err.strerror}); check its permissions.") from err
         self.close = weakref.finalize(self, os.close, folder)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ class LineWriter:
 
     def __init__(self, path: Path, size: int | None = None) -> None:
         self.path = path
+        self._failed = False
         with writing(path):
             # What is there may have been put there by anybody: a link to another file is not followed.
             flags = os.O_WRONLY | os.O_NOFOLLOW | (os.O_CREAT | os.O_TRUNC if size is None else os.O_APPEND)
@@ -35,17 +37,22 @@ class LineWriter:
 
     def line(self, text: str) -> None:
         """Append a line of text."""
+        self._failed = True
         with writing(self.path):
             self._file.write(text + "\n")
             self._file.flush()
+        self._failed = False
 
     def json(self, value: object) -> None:
         """Append a value as one line of JSON."""
         self.line(json.dumps(to_json(value)))
 
     def close(self) -> None:
-        """Close the file; a second time does nothing."""
-        self._file.close()
+        """Close the file; a second time does nothing. Raises RunFolderError where this fails, but for the sake of a
+        line whose error was raised already.
+        """
+        with suppress(OSError) if self._failed else writing(self.path):
+            self._file.close()
 
     def __enter__(self) -> LineWriter:
         return self

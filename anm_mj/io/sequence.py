@@ -96,6 +96,8 @@ class Sequence:
     """Whether the files state distances along the rays instead of planar depth."""
     mirrored: bool = False
     """Whether the images are mirrored left to right."""
+    colour_offset_s: float = 0.0
+    """Added to the times of colour images to find their depth [s]."""
     left_out: tuple[LeftOut, ...] = ()
     """What the files hold beside the frames."""
     max_bad: float = MAX_BAD

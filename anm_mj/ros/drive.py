@@ -68,15 +68,22 @@ def drive(
 
 
 def go_on(
-    path: Path, *, waits: bool = False, is_over: Callable[[], bool] = lambda: False, observers: Sequence[Observer] = ()
+    path: Path,
+    *,
+    policy: str | None = None,
+    waits: bool = False,
+    is_over: Callable[[], bool] = lambda: False,
+    observers: Sequence[Observer] = (),
 ) -> tuple[RunFolder, Metrics]:
     """Go on with a run on a live robot that was killed or interrupted, as long as its odometry went on meanwhile.
-    ``path`` is its folder; the other arguments are those of :func:`drive`. Raises CheckpointError as
-    :func:`anm_mj.resume.resume`, and AnmError as :func:`drive`.
+    ``path`` is its folder, ``policy`` as of :func:`anm_mj.resume.resume`; the other arguments are those of
+    :func:`drive`. Raises CheckpointError as :func:`anm_mj.resume.resume`, and AnmError as :func:`drive`.
     """
     state, followers = LoopState(), _Followers()
     assemble = functools.partial(_parts, followers=followers, state=state, waits=waits, is_over=is_over)
-    return resume(path, observers=(*observers, followers), kind=DriveConfig, assemble=assemble, state=state)
+    return resume(
+        path, policy=policy, observers=(*observers, followers), kind=DriveConfig, assemble=assemble, state=state
+    )
 
 
 @contextmanager

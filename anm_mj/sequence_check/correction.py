@@ -208,6 +208,7 @@ def corrected_sequence(sequence: Sequence, correction: Correction) -> Sequence:
         depth_scale=sequence.depth_scale * correction.depth_scale,
         ray_depth=sequence.ray_depth != correction.ray_depth,
         mirrored=sequence.mirrored != correction.mirrored,
+        colour_offset_s=sequence.colour_offset_s + correction.colour_offset_s,
         interpolated=tuple(at for at, k in enumerate(kept.tolist()) if k in guessed),
     )
 

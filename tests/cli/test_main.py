@@ -87,6 +87,7 @@ def test_a_wrong_option_is_named_with_its_value_and_what_would_be_right(capsys, 
     [
         ["localise", "run", "images", "--set", "mapping.geometry=occupancy"],
         ["robot", "check", "diff_drive", "--set", "image_px=64", "--set", "planning.margin_m=1"],
+        ["simulate", "room", "--ros", "--set", "sensor.delay_s=0.1", "--set", "planning.margin_m=1"],
     ],
 )
 def test_a_setting_that_a_command_does_not_read_is_refused(capsys, words):
@@ -124,6 +125,14 @@ def test_a_resumed_run_of_a_live_robot_drives_as_it_was_set_up(capsys, tmp_path,
     assert f"leave out {words[0]}." in fails(capsys, "drive", "--resume", tmp_path, *words)
 
 
+@pytest.mark.parametrize("command", ["explore", "drive"])
+def test_the_policy_of_a_resumed_run_may_be_named(capsys, tmp_path, command):
+    for name in ("steps.jsonl", "frames.jsonl", "camera.json"):
+        (tmp_path / name).touch()
+    (tmp_path / "config.json").write_text('{"policy": "gvg"}')
+    assert "but the run's policy is 'gvg'" in fails(capsys, command, "--resume", tmp_path, "--policy", "random")
+
+
 def test_a_folder_that_merely_has_a_scenes_name_does_not_hide_the_catalogue(tmp_path, monkeypatch):
     from anm_mj.scene.folder import load_scene
 
@@ -132,13 +141,14 @@ def test_a_folder_that_merely_has_a_scenes_name_does_not_hide_the_catalogue(tmp_
     assert load_scene("home").rooms == 7
 
 
-def test_a_policy_beside_the_user_is_found_and_one_that_cannot_be_made_leaves_no_folder(tmp_path):
+@pytest.mark.parametrize("command", [["explore", "home"], ["drive"]])
+def test_a_policy_beside_the_user_is_found_and_one_that_cannot_be_made_leaves_no_folder(tmp_path, command):
     (tmp_path / "mine.py").write_text(
         "class Plain:\n    def observe(self, observation): ...\n    def plan(self, mapper, observation): ...\n"
         "    def on_collision(self, pose, action): ...\n"
     )
     script = Path(sys.executable).parent / "anm-mj"
-    words = [script, "explore", "home", "--policy", "mine:Plain", "--out", "run"]
+    words = [script, *command, "--policy", "mine:Plain", "--out", "run"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2
     assert "'mine:Plain' cannot be made from a PolicyContext" in done.stderr
@@ -192,6 +202,7 @@ def test_files_that_are_no_scenes_are_refused_and_nothing_is_left_behind(capsys,
 def test_a_folder_that_is_no_run_cannot_be_evaluated(capsys, tmp_path):
     assert str(tmp_path) in fails(capsys, "eval", tmp_path)
     assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere")
+    assert "--scene is home, but" in fails(capsys, "eval", tmp_path, "--scene", "home")
 
 
 def test_help_answers_at_once_and_shows_every_option():

@@ -162,6 +162,11 @@ def test_reuse_after_close():
         ({"actions": "velocity", "num_steps": 10_000}, "an episode has 1 to 9900"),
         ({"start": (0.0, 1.0)}, r"start \(0.0, 1.0\) is no pose"),
         ({"start": (0.0, math.nan, 0.0)}, "is no pose"),
+        ({"num_steps": "10"}, r"num_steps is '10' \(Expected int \| None, got str\); give a value of the right type"),
+        ({"image_px": "128"}, "image_px is '128'"),
+        ({"people": "3"}, "people is '3'"),
+        ({"stop": "false"}, "stop is 'false'"),
+        ({"robot": None}, "robot is None"),
     ],
 )
 def test_invalid_options(options, message):

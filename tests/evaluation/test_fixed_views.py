@@ -6,6 +6,9 @@ from anm_mj.evaluation.fixed_views import fixed_views
 from anm_mj.evaluation.view_quality import compare_views
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.navigable import is_clear
+from anm_mj.sim import camera_factory
+from anm_mj.sim.gl_camera import GlCamera
+from anm_mj.sim.ray_camera import MujocoRayCamera
 from anm_mj.types import DEFAULT_FOOTPRINT
 from tests.scene.small import make_small_scene
 
@@ -47,6 +50,13 @@ def test_views_depend_on_the_scene_alone_and_are_rendered_once(scene, cache, mon
     assert min(pose.x_m for pose in poses) < 2.94
     assert max(pose.x_m for pose in poses) > 3.06
     assert np.ptp([pose.yaw_rad for pose in poses]) > np.pi
+
+
+def test_each_kind_of_camera_has_views_of_its_own(scene, cache, monkeypatch):
+    for count, kind in enumerate((GlCamera.kind, MujocoRayCamera.kind), start=1):
+        monkeypatch.setattr(camera_factory, "camera_kind", lambda *_, kind=kind: kind)
+        fixed_views(scene, 2)
+        assert len(list(cache.iterdir())) == count
 
 
 def test_a_damaged_cache_is_rendered_again(scene, cache):

@@ -104,6 +104,17 @@ def test_no_revision_outside_a_checkout(tmp_path):
     assert git_revision(tmp_path) is None
 
 
+def test_a_full_disk_is_told_once_and_the_file_is_closed_all_the_same():
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("there is no /dev/full here")
+    log = LineWriter(full)
+    with pytest.raises(RunFolderError, match=r"/dev/full cannot be written .*; free some space"):
+        log.line("a")
+    log.close()
+    assert log._file.closed
+
+
 def test_lines_before_the_last_must_be_whole(tmp_path):
     path = tmp_path / "x.jsonl"
     with LineWriter(path) as file:

@@ -96,6 +96,11 @@ def test_a_run_without_mesh_and_images_makes_a_film(run_folder, tmp_path):
         (["--video", "film.mp4", "--fps", "0"], "choose 0.1 to 120"),
         (["--video", "film.mp4", "--every", "0"], "from 1 up"),
         ([], "Nothing to export"),
+        (["--format", "glb", "--fps", "5"], "--fps is 5.0, but no film is written; add --video film.mp4"),
+        (["--format", "glb", "--every", "1"], "--every is 1, but no film is written"),
+        (["--format", "glb", "--scene", "home"], "--scene is home, but no film is written"),
+        (["--video", "x.gif", "--out", "out"], "--out is out, but no other format is written; add --format NAME"),
+        (["--video", "x.gif", "--start", "0"], "--start is 0.0, but no other format is written"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(run_folder, tmp_path, monkeypatch, capsys, options, words):

@@ -96,6 +96,12 @@ def test_a_folder_that_is_no_run_is_one_sentence(tmp_path, capsys):
     assert "is not the folder of a run" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("option", "said"), [(["--port", "7001"], "7001"), (["--no-browser"], "given")])
+def test_a_page_in_a_file_is_not_served(run_folder, tmp_path, capsys, option, said):
+    assert main(["view", str(run_folder), "--export-html", str(tmp_path / "x.html"), *option]) == 2
+    assert f"{option[0]} is {said}, but the page becomes a file; leave out" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("true_m", [None, np.full(101, 0.05, np.float32)])
 def test_errors_have_a_unit_and_one_scale(true_m):
     mesh = GrowingMesh(

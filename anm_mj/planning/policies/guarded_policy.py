@@ -23,11 +23,17 @@ class GuardedPolicy:
     Errors that the map or the robot raise within a policy pass through: they are not the policy's.
     """
 
-    def __init__(self, policy: Policy, name: str) -> None:
-        """Guard ``policy``; sentences call it ``name``."""
+    def __init__(self, policy: Policy, name: str, outcome: str = "The run ends") -> None:
+        """Guard ``policy``; sentences call it ``name``, and say what its fault leads to by ``outcome``."""
         self._policy = policy
         self._name = name
+        self._outcome = outcome
         self._fault: str | None = None
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it has had a fault, and is not asked any more."""
+        return self._fault is not None
 
     def memory(self) -> dict[str, np.ndarray]:
         """What the policy has found out beside the map; nothing where it does not say, or has failed."""
@@ -80,7 +86,7 @@ class GuardedPolicy:
 
     def _note(self, what: str) -> None:
         self._fault = f"policy {self._name} {what}"
-        _logger.error("The run ends because %s.", self._fault)
+        _logger.error("%s because %s.", self._outcome, self._fault)
 
 
 def describe_error(err: BaseException) -> str:
