@@ -19,7 +19,7 @@ from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
 from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.bag_poses import Track
-from anm_mj.io.folder_hold import FolderHold
+from anm_mj.io.folder_hold import held
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
@@ -83,10 +83,13 @@ def map_sequence(
             error, the folder holds the map up to there.
         CheckpointError: The run cannot be resumed.
     """
-    mapping = _Mapping(sequence, config, footprint, out, resume, shadow=shadow, corrections=corrections)
-    with mapping.hold:
+    mapping = _Mapping(sequence, config, footprint, shadow=shadow)
+    # What cannot be mapped leaves no folder.
+    folder = mapping.new_folder(out, corrections) if resume is None else RunFolder.open(resume)
+    with held(folder.path):
+        mapping.begin(folder, resumes=resume is not None)
         _map(mapping, sequence, reference, verdict, observers)
-    return mapping.folder
+    return folder
 
 
 def _map(
@@ -153,11 +156,8 @@ class _Mapping:
         sequence: Sequence,
         config: RunConfig,
         footprint: Footprint,
-        out: Path | None,
-        resume: Path | None,
         *,
         shadow: bool,
-        corrections: tuple[str, ...],
     ) -> None:
         """Arguments as of :func:`map_sequence`; raises AnmError as that does."""
         self._begin = time.perf_counter()
@@ -167,20 +167,27 @@ class _Mapping:
         self._tracker = make_tracker(config, self._map, has_poses=sequence.has_poses) if tracks else None
         self._policy = _shadow_policy(config, footprint) if shadow else None
         self._options = {"radius": footprint.radius_m, "height": footprint.z_max_m, "shadow": shadow}
-        stored = None
-        if resume is None:
-            name = config.policy if shadow else RECORDED
-            self.folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
-            said = replace(_facts(config, self._map, name), corrections=corrections)
-            write_json(self.folder.manifest, manifest(said, sys.argv))
-            write_json(self.folder.config, config)
-        else:
-            self.folder, stored = stored_mapping(resume, sequence, config, self._options)
+        self.state = MappingState()
+
+    def new_folder(self, out: Path | None, corrections: tuple[str, ...]) -> RunFolder:
+        """A folder that says what is mapped; arguments as of :func:`map_sequence`."""
+        name = RECORDED if self._policy is None else self._config.policy
+        folder = RunFolder.create(out, Path(self._config.scene).resolve().name, name)
+        said = replace(_facts(self._config, self._map, name), corrections=corrections)
+        write_json(folder.manifest, manifest(said, sys.argv))
+        write_json(folder.config, self._config)
+        return folder
+
+    def begin(self, folder: RunFolder, *, resumes: bool) -> None:
+        """Open the logs of a folder, new or of a mapping that this one ``resumes``; raises AnmError as
+        :func:`map_sequence` does.
+        """
+        self.folder = folder
+        stored = stored_mapping(folder, self._sequence, self._config, self._options) if resumes else None
+        if stored is not None:
             say_other_engine(stored, self._map.backend.name)
             self._begin -= float(stored.facts["wall_s"])
-        self.hold = FolderHold(self.folder.path)
-        self._log, self._cameras = open_logs(self.folder, config, stored, tracks=tracks)
-        self.state = MappingState()
+        self._log, self._cameras = open_logs(folder, self._config, stored, tracks=self._tracker is not None)
         parts = {
             "mapper": self._map,
             "log": self._log,
@@ -189,13 +196,13 @@ class _Mapping:
             "policy": self._policy,
         }
         roots = {name: part for name, part in parts.items() if part is not None}
-        known = KnownClasses(policy_class(config.policy).__module__)
+        known = KnownClasses(policy_class(self._config.policy).__module__)
         if stored is not None:
             lay_over(stored, roots, known)
-            self.folder.drop_results()
+            folder.drop_results()
         self.checkpointer = Checkpointer(
-            CheckpointStore(self.folder.checkpoints),
-            config.checkpoint,
+            CheckpointStore(folder.checkpoints),
+            self._config.checkpoint,
             lambda: roots,
             self._facts_and_files,
             known,

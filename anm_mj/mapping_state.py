@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,13 +72,10 @@ def facts_of(
     }
 
 
-def stored_mapping(
-    path: Path, sequence: Sequence, config: RunConfig, options: Mapping[str, Any]
-) -> tuple[RunFolder, StoredState]:
-    """The newest checkpoint of a mapping that did not end. Raises RunFolderError if the folder is no run, and
+def stored_mapping(folder: RunFolder, sequence: Sequence, config: RunConfig, options: Mapping[str, Any]) -> StoredState:
+    """The newest checkpoint of a mapping that did not end. Raises RunFolderError if there is a link in the folder, and
     CheckpointError if there is none, or it is one of another sequence or of other settings.
     """
-    folder = RunFolder.open(path)
     refuse_links(folder.path.resolve())
     stored = CheckpointStore(folder.checkpoints).newest(lambda state: logged_facts(state, _Facts, folder.path, "frame"))
     facts = convert(stored.facts, _Facts)
@@ -96,7 +92,7 @@ def stored_mapping(
             f"{name} is {now[name]!r:.60}, and {folder.path} began with {before[name]!r:.60}; give the same, or start "
             "a new run."
         )
-    return folder, stored
+    return stored
 
 
 def open_logs(

@@ -29,6 +29,7 @@ from anm_mj.config import RunConfig, leaves, read_config
 from anm_mj.errors import CheckpointError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Observer
+from anm_mj.io.folder_hold import held
 from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_folder import RunFolder, refuse_links
@@ -75,30 +76,31 @@ def resume(
     begin = time.perf_counter()
     folder = RunFolder.open(path)
     refuse_links(folder.path.resolve())
-    _require_unfinished(folder)
-    config = _config(folder, policy, kind)
-    if device is not None:
-        config = replace(config, device=device)
-    store = CheckpointStore(folder.checkpoints)
-    stored = store.newest(lambda state: _require_logs(folder, state))
-    with assemble(config, observers) as parts:
-        _require_same_world(folder, parts)
-        _require_same_settings(folder, stored, parts)
-        say_other_engine(stored, parts.mapper.backend.name)
-        lost = len(read_jsonl(folder.steps)) - stored.step
-        state = state or LoopState()
-        # Only here is anything in the folder changed.
-        before = (stored.facts["files"], stored.step)
-        with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
-            lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
-            folder.drop_results()
-            size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
-            with LineWriter(folder.resumed, size) as log:
-                log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
-            _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
-            begin -= float(stored.facts.get("wall_s", 0.0))
-            with of_stored_state(stored), saying_how_to_go_on(folder, parts.config):
-                return folder, run_loop(parts, folder, recorder, state, observers, begin)
+    with held(folder.path):
+        _require_unfinished(folder)
+        config = _config(folder, policy, kind)
+        if device is not None:
+            config = replace(config, device=device)
+        store = CheckpointStore(folder.checkpoints)
+        stored = store.newest(lambda state: _require_logs(folder, state))
+        with assemble(config, observers) as parts:
+            _require_same_world(folder, parts)
+            _require_same_settings(folder, stored, parts)
+            say_other_engine(stored, parts.mapper.backend.name)
+            lost = len(read_jsonl(folder.steps)) - stored.step
+            state = state or LoopState()
+            # Only here is anything in the folder changed.
+            before = (stored.facts["files"], stored.step)
+            with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
+                lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
+                folder.drop_results()
+                size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
+                with LineWriter(folder.resumed, size) as log:
+                    log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
+                _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
+                begin -= float(stored.facts.get("wall_s", 0.0))
+                with of_stored_state(stored), saying_how_to_go_on(folder, parts.config):
+                    return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
 def _config(folder: RunFolder, policy: str | None, kind: type[RunConfig]) -> RunConfig:

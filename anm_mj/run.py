@@ -17,6 +17,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Ended, Observed, Observer, Stepped
 from anm_mj.explore import explore
+from anm_mj.io.folder_hold import held
 from anm_mj.io.manifest import manifest
 from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
@@ -71,9 +72,12 @@ def run_with(
     if prior is not None and surface is not None:
         before = Before(prior.found(config.policy), prior.covered(surface))
     malloc_trim()
-    recorder = RunRecorder(folder, surface, parts.true_view, config.record, before=before)
     state = state or LoopState(config.planning.patience_steps)
-    with recorder, saying_how_to_go_on(folder, parts.config):
+    with (
+        held(folder.path),
+        RunRecorder(folder, surface, parts.true_view, config.record, before=before) as recorder,
+        saying_how_to_go_on(folder, parts.config),
+    ):
         return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 

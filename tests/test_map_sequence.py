@@ -12,7 +12,7 @@ import trimesh
 from anm_mj.api import load_run
 from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
-from anm_mj.io.folder_hold import FolderHold
+from anm_mj.io.folder_hold import held
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.map_sequence import _Mapping
@@ -177,7 +177,7 @@ def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(
         assert "The sequence is not the one that" in " ".join(capsys.readouterr().err.split())
     for path in tmp_path.glob("*.png"):
         path.rename(folder / "rgb" / path.name)
-    with FolderHold(out):
+    with held(out):
         assert main([*words, "--resume", str(out)]) == 2
         assert "Another program is writing" in capsys.readouterr().err
     map_frame, had_map = _Mapping.map_frame, []

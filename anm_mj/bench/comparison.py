@@ -1,6 +1,5 @@
 """A comparison, from its file to its tables; an interrupted one resumes."""
 
-import fcntl
 import itertools
 import os
 import shlex
@@ -23,6 +22,7 @@ from anm_mj.bench.sweep import read_jobs
 from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.errors import BenchError
+from anm_mj.io.folder_hold import lock
 from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
 from anm_mj.scene.folder import load_scene
@@ -149,14 +149,10 @@ def _only_writer(out: Path) -> Iterator[None]:
         out.mkdir(parents=True, exist_ok=True)
         # Anybody may have made what is there.
         refuse_links(out.resolve())
-        lock = os.fdopen(os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666), "w")
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as err:
-            raise BenchError(
-                f"Another comparison is writing to {out}; wait until it ends, or give another --out."
-            ) from err
+        file = os.fdopen(os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666), "w")
+    with file:
+        if not lock(file.fileno()):
+            raise BenchError(f"Another comparison is writing to {out}; wait until it ends, or give another --out.")
         yield
 
 

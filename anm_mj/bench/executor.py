@@ -12,9 +12,10 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,14 +32,18 @@ machine."""
 RESULT = "result.json"
 """File in a run folder that is written last."""
 LOG = "log.txt"
-_RUNNING: set[subprocess.Popen[bytes]] = set()
-"""The processes that make runs on this machine now."""
 UNFINISHED = re.compile(r"\..+_[0-9a-f]{8}-[0-9a-f]{8}")
 """Names of the folders in which runs are made."""
 
 
 def execute(
-    job: Job, runs: str, function: str, threads: int, modules: Sequence[str], egl_device: int | None
+    job: Job,
+    runs: str,
+    function: str,
+    threads: int,
+    modules: Sequence[str],
+    egl_device: int | None,
+    start: Callable[..., subprocess.Popen[Any]] = subprocess.Popen,
 ) -> str | None:
     """Make one run in a process of its own; returns its error in one sentence, or None.
 
@@ -51,6 +56,7 @@ def execute(
         threads: Threads for numerical libraries.
         modules: Folders to import modules from, besides the usual ones: those of the user's policies.
         egl_device: Number of the EGL device that draws; None = as the environment says.
+        start: Starts the process.
     """
     attempt = Path(runs) / f".{job.name}-{uuid.uuid4().hex[:8]}"
     attempt.mkdir(parents=True)
@@ -61,7 +67,7 @@ def execute(
         # egl alone: another back-end must not take the place of a device that is not there.
         environment |= {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": str(egl_device)}
     with log.open("wb") as output:
-        process = subprocess.Popen(
+        process = start(
             [sys.executable, "-m", "anm_mj.bench.worker", function],
             stdin=subprocess.PIPE,
             stdout=output,
@@ -69,7 +75,6 @@ def execute(
             env=environment,
         )
         assert process.stdin is not None
-        _RUNNING.add(process)
         try:
             order = json.dumps({"job": asdict(job), "folder": str(attempt / "run")}) + "\n"
             process.stdin.write(order.encode())
@@ -82,7 +87,6 @@ def execute(
             process.wait()
             raise
         finally:
-            _RUNNING.discard(process)
             process.stdin.close()
     if status != 0:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
@@ -119,7 +123,7 @@ def run_jobs(
     arguments = str(runs.resolve()), function, threads, tuple(modules)
     devices = itertools.cycle(egl_devices or (None,))
     if executor == "local":
-        yield from _local(jobs, num_workers, lambda job, device: execute(job, *arguments, device), devices)
+        yield from _local(jobs, num_workers, arguments, devices)
     elif executor == "ray":
         yield from _ray(jobs, num_workers, arguments, devices)
     else:
@@ -127,12 +131,22 @@ def run_jobs(
 
 
 def _local(
-    jobs: list[Job], num_workers: int, one: Callable[[Job, int | None], str | None], devices: Iterator[int | None]
+    jobs: list[Job], num_workers: int, arguments: tuple[str, str, int, tuple[str, ...]], devices: Iterator[int | None]
 ) -> Iterator[tuple[Job, str | None]]:
+    begun: list[subprocess.Popen[Any]] = []
+    is_over, alone = False, threading.Lock()
+
+    def start(*command: Any, **options: Any) -> subprocess.Popen[Any]:
+        with alone:
+            if is_over:
+                raise CancelledError
+            begun.append(subprocess.Popen(*command, **options))
+            return begun[-1]
+
     # The threads only wait for their processes.
     pool = ThreadPoolExecutor(num_workers)
-    futures = {pool.submit(one, job, next(devices)): job for job in jobs}
     try:
+        futures = {pool.submit(execute, job, *arguments, next(devices), start): job for job in jobs}
         for future in as_completed(futures):
             try:
                 error = future.result()
@@ -141,9 +155,11 @@ def _local(
             yield futures[future], error
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        # Those of a comparison that ends in an error: nobody waits for them, and the next one removes their folders.
-        for process in tuple(_RUNNING):
-            process.kill()
+        # Where the comparison ends in an error, nobody waits for its runs, and the next one removes their folders.
+        with alone:
+            is_over = True
+            for process in begun:
+                process.kill()
         pool.shutdown()
 
 

@@ -31,7 +31,7 @@ from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import halved_intrinsics
 from anm_mj.io.curve_file import COMPLETION_COLUMNS
-from anm_mj.io.folder_hold import FolderHold
+from anm_mj.io.folder_hold import held
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.run_folder import RunFolder
@@ -62,15 +62,15 @@ def evaluate_run(
     file in it is damaged. ``on_progress`` is called with done and total rounds while the observable surface is
     computed.
     """
-    run = read_run(path)
-    with FolderHold(run.folder.path):
-        return _evaluated(run, path, on_progress, novel_views, fixed_views)
+    with held(RunFolder.open(path).path):
+        return _evaluated(path, on_progress, novel_views, fixed_views)
 
 
 def _evaluated(
-    run: Run, path: Path, on_progress: Progress, novel_views: ViewsResult | None, fixed_views: ViewsResult | None
+    path: Path, on_progress: Progress, novel_views: ViewsResult | None, fixed_views: ViewsResult | None
 ) -> Metrics:
     """See :func:`evaluate_run`."""
+    run = read_run(path)
     if not run.frames:
         raise RunFolderError(
             f"{path} holds no frame yet, so there is nothing to evaluate; wait for the run's first step, or start it "

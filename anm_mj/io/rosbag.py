@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.errors import AnmError, RunFolderError
+from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import readable_parts
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
@@ -167,10 +167,17 @@ class _Bag(BagReader):
             return self._stated(colour, depth, camera_frame)
         rows, cols = colour_image(self.first(colour)).shape[:2]
         camera = Intrinsics(cols, rows, *self.options.camera)
+        is_named = "camera" in self.options.topics
+        if not is_named and not self.of_type(_CALIBRATION):
+            return camera, None
         try:
             stated, bent = self._stated(colour, depth, camera_frame)
-        except AnmError:
-            # Whatever is wrong with the calibration, the user's camera stands for it.
+        except Exception as err:
+            if is_named:
+                raise
+            # Whatever is wrong with the calibration, a damaged message, too, the user's camera stands for it.
+            text = "The calibration in %s cannot be used (%s): the given camera stands alone, without lens distortion."
+            _logger.warning(text, self.path, err)
             return camera, None
         if cols * stated.height == rows * stated.width:
             camera = replace(camera, width=stated.width, height=stated.height)

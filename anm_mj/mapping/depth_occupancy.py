@@ -99,19 +99,16 @@ class DepthOccupancy:
         T_world_camera: Float[np.ndarray, "4 4"],
         range_m: float = math.inf,
         moved_m: Float32[np.ndarray, "h w"] | None = None,
+        *,
+        takes_moved: bool = True,
     ) -> None:
         """Fuse one depth image: carve what was looked through, then mark what was hit. Raises MapError if the grid
         would have more than ``MAX_VOXELS``.
 
         ``depth_m`` is planar [m]: +inf where the sensor looked farther than its range, ``range_m``, and NaN where it
         measured nothing. ``moved_m`` is that of the pixels that show something moved, NaN elsewhere; ``depth_m`` has
-        none there.
+        none there. ``takes_moved``: what moved and stays becomes surface, by the frames that show it.
         """
-        self._fuse(DepthFrame(depth_m, intrinsics, T_world_camera, range_m, moved_m), takes_moved=True)
-
-    def _fuse(self, frame: DepthFrame, *, takes_moved: bool) -> None:
-        """See :meth:`integrate`. ``takes_moved``: what moved and stays becomes surface, by the frames that show it."""
-        depth_m, intrinsics, T_world_camera, range_m, moved_m = frame
         self._num_frames += 1
         self.noise.add(depth_m)
         view = self._view(depth_m, intrinsics, T_world_camera)
@@ -204,7 +201,7 @@ class DepthOccupancy:
         self.voxels = unseen_voxels(before.state.shape, before.corner)
         self._missing_floor = MissingFloor(self._missing_floor.square_m)
         for frame in frames:
-            self._fuse(frame, takes_moved=False)
+            self.integrate(*frame, takes_moved=False)
         if moved is not None:
             carry(before, self.voxels, *moved, self.config.voxel_m, self._num_frames)
         self.noise.set_array(noise)

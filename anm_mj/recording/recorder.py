@@ -22,7 +22,6 @@ from anm_mj.evaluation.people_metrics import PeopleStatistics
 from anm_mj.events import Decided, Observed, Stepped
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
-from anm_mj.io.folder_hold import FolderHold
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.write import writing
@@ -60,7 +59,7 @@ class RunRecorder:
         before: What a continued run begins with; None for one that begins with nothing, and for a resumed one.
     """
 
-    REBUILT = ("background", "folder", "_hold", "_true_view", "truth", "_curve_file")
+    REBUILT = ("background", "folder", "_true_view", "truth", "_curve_file")
 
     def __init__(
         self,
@@ -71,7 +70,6 @@ class RunRecorder:
         resumed: tuple[dict[str, int], int] | None = None,
         before: Before | None = None,
     ) -> None:
-        self._hold = FolderHold(folder.path)
         self.background = Background("recorder", ROOM)
         self.folder = folder
         self._true_view = true_view
@@ -179,7 +177,6 @@ class RunRecorder:
         """Close all files when everything is written; a second time does nothing."""
         self.background.close()
         self.close_logs()
-        self._hold.close()
 
     def close_logs(self) -> None:
         """Close all logs; nothing is recorded any more."""

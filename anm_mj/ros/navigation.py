@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
 from anm_mj.loop_state import LoopState
 from anm_mj.ros.health import Health
@@ -172,6 +173,8 @@ class GoalDriver:
         self._navigation, self._poses, self._health, self._state = navigation, poses, health, state
         self._serves: object = None
         """What the present goal is for; None = there is no goal."""
+        self._known = Pose2(0.0, 0.0, 0.0), 0.0
+        """Where the robot was in the map, and when [s], as of the last goal."""
 
     def act(self, action: Action, is_over: Callable[[], bool]) -> bool:
         """Let the robot move by about one action; whether it cannot."""
@@ -213,8 +216,13 @@ class GoalDriver:
     def stop(self) -> None:
         """Take the goal back."""
         if self._serves is not None:
+            try:
+                self._known = self._in_map(), self._poses.latest_s
+            except RobotError as err:
+                # Nobody knows where the robot is: all the more it must not drive on.
+                _logger.warning("The goal is taken back without a pose. %s", err)
             self._serves = None
-            self._navigation.cancel(self._in_map(), self._poses.latest_s)
+            self._navigation.cancel(*self._known)
 
     def _send_for(self, action: Action) -> None:
         plan, here = self._state.plan, self._in_map()
@@ -228,7 +236,8 @@ class GoalDriver:
             serves, goal = side, Pose2(here.x_m, here.y_m, wrap_angle(here.yaw_rad + side * _QUARTER_RAD))
         if serves is not self._serves or (self._serves is not None and self._navigation.told.is_over):
             self._serves, self._goal = serves, goal
-            self._navigation.send(goal, self._poses.latest_s)
+            self._known = here, self._poses.latest_s
+            self._navigation.send(goal, self._known[1])
 
     def _last(self) -> Pose2:
         return self._poses.base(self._poses.latest_s) or Pose2(0.0, 0.0, 0.0)

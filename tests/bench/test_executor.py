@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -73,6 +74,25 @@ def test_runs_of_a_comparison_that_ends_in_an_error_end_with_it(tmp_path):
     made.close()
     assert not any(alive(pid) for pid in workers)
     assert not list(tmp_path.glob(".*"))
+
+
+def test_a_run_that_is_about_to_begin_does_not_once_the_comparison_is_over(tmp_path, monkeypatch):
+    jobs = [Job("room", "room", "0" * 64, "gvg", 0, (0.0, 0.0, 0.0), seed, 1) for seed in range(2)]
+    open_log, is_late, may_go = Path.open, threading.Event(), threading.Event()
+
+    def late(path, *arguments, **options):
+        if path.name == "log.txt" and jobs[1].name in str(path):
+            is_late.set()
+            assert may_go.wait(60.0)
+        return open_log(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "open", late)
+    made = run_jobs(jobs, tmp_path, "local", 2, "tests.bench.fake:quick")
+    assert next(made)[0] is jobs[0]
+    assert is_late.wait(60.0)
+    threading.Timer(1.0, may_go.set).start()
+    made.close()
+    assert [path.name for path in tmp_path.glob("[!.]*")] == [jobs[0].name]
 
 
 def test_a_folder_that_cannot_be_written_costs_only_its_run(tmp_path):

@@ -19,6 +19,7 @@ from anm_mj.config import make_config
 from anm_mj.errors import CheckpointError, RunFolderError
 from anm_mj.evaluation.run_evaluation import evaluate_run
 from anm_mj.events import On, Stepped
+from anm_mj.io.folder_hold import held
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
@@ -174,6 +175,9 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     assert not (killed / "checkpoint").exists()
     assert not list(killed.glob(".*"))
     with pytest.raises(CheckpointError, match="has ended"):
+        resume(killed)
+    # Nothing is read before the folder is held: another program may be about to end the run.
+    with held(killed), pytest.raises(RunFolderError, match="Another program is writing"):
         resume(killed)
 
 

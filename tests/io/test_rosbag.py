@@ -140,6 +140,25 @@ def test_a_camera_that_the_user_gives_stands_for_the_calibration(tmp_path, lacks
     check(open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera))[0])
 
 
+def test_a_camera_that_the_user_gives_stands_for_a_damaged_calibration(tmp_path, caplog):
+    path = write_bag(tmp_path / "bag", images() + poses_by_tf())
+    with sqlite3.connect(next(path.glob("*.db3"))) as base:
+        of_calibration = "topic_id = (SELECT id FROM topics WHERE name = ?)"
+        base.execute(f"UPDATE messages SET data = substr(data, 1, 20) WHERE {of_calibration}", [INFO])
+    camera = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+    check(open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera))[0])
+    assert "cannot be used (" in caplog.text
+
+
+@pytest.mark.parametrize("has_calibration", [True, False])
+def test_a_camera_topic_that_is_named_is_not_passed_over_for_the_camera_that_the_user_gives(tmp_path, has_calibration):
+    said = images() + poses_by_tf()
+    path = write_bag(tmp_path / "bag", [one for one in said if has_calibration or one[0] != INFO])
+    camera = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+    with pytest.raises(RunFolderError, match="/none"):
+        open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera, topics={"camera": "/none"}))
+
+
 def test_a_camera_that_the_user_gives_keeps_size_and_distortion_of_the_calibration(tmp_path):
     def stated(width, height):
         said = changed(INFO, lambda m, k: replace(m, d=np.full(5, 0.1), width=width, height=height))

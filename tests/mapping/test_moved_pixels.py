@@ -256,6 +256,16 @@ def behind_curtain(seen: Observation) -> Observation:
     return seen
 
 
+def doubting_grid():
+    """A thing was seen once, and another one beside its place, so that it is doubted."""
+    grid = new_grid()
+    fuse(grid, view(slice(42, 45)))
+    fuse(grid, behind_curtain(view()), 6)
+    fuse(grid, behind_curtain(view(slice(60, 76))))
+    assert grid.doubt_moved()
+    return grid
+
+
 @pytest.mark.parametrize(("after", "state"), [(None, OCCUPIED), (view(), FREE), (view(slice(42, 45)), OCCUPIED)])
 def test_what_may_be_left_of_a_thing_is_doubted_once_until_its_place_is_seen(after, state):
     """One frame shows a thing, which nobody looks at again; another one walks beside its place."""
@@ -276,11 +286,7 @@ def test_what_may_be_left_of_a_thing_is_doubted_once_until_its_place_is_seen(aft
 
 
 def test_what_was_doubted_and_settled_is_seen_like_all_else():
-    grid = new_grid()
-    fuse(grid, view(slice(42, 45)))
-    fuse(grid, behind_curtain(view()), 6)
-    fuse(grid, behind_curtain(view(slice(60, 76))))
-    assert grid.doubt_moved()
+    grid = doubting_grid()
     grid.settle_moved()
     assert (thing_states(grid, range(42, 45)) == OCCUPIED).all()
 
@@ -306,11 +312,7 @@ def test_a_grid_that_is_built_again_is_carved_up_to_what_moved():
 
 def test_a_look_through_what_was_hit_since_it_was_doubted_decides():
     """A hit and looks through it add up to log-odds of zero, as doubt leaves them."""
-    grid = new_grid()
-    fuse(grid, view(slice(42, 45)))
-    fuse(grid, behind_curtain(view()), 6)
-    fuse(grid, behind_curtain(view(slice(60, 76))))
-    assert grid.doubt_moved()
+    grid = doubting_grid()
 
     fuse(grid, view(slice(42, 45)))
     assert (thing_states(grid, range(42, 45)) == OCCUPIED).all()

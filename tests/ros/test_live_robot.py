@@ -227,7 +227,7 @@ def test_senses_that_do_not_fit_together_are_told(fake: FakeRosRobot):
     fake.broken = {"stamps"}
     said = "the stamps of /camera/color/image_raw and /camera/depth/image_raw do not meet: the nearest differ by -5.0"
     with pytest.raises(RobotError, match=said):
-        _begin(DriveConfig("live", pose="odometry", ros=RosConfig(wait_s=2.5)))
+        _begin(DriveConfig("live", pose="odometry", ros=RosConfig(wait_s=6.0)))
     fake.broken.clear()
     lost = RosConfig(wait_s=2.0, base_frame="trunk")
     with pytest.raises(RobotError, match="do not say where 'trunk' is on the robot"):

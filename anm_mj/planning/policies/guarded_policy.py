@@ -23,6 +23,8 @@ class GuardedPolicy:
     Errors that the map or the robot raise within a policy pass through: they are not the policy's.
     """
 
+    REBUILT = ("_outcome",)
+
     def __init__(self, policy: Policy, name: str, outcome: str = "The run ends") -> None:
         """Guard ``policy``; sentences call it ``name``, and say what its fault leads to by ``outcome``."""
         self._policy = policy

@@ -6,6 +6,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from anm_mj.checkpoint.known_classes import attributes_of
 from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.protocols import Mapper
@@ -43,6 +44,11 @@ def wrong(**values):
     for name, value in values.items():
         object.__setattr__(plan, name, value)
     return plan
+
+
+def test_what_a_sentence_says_is_in_no_checkpoint():
+    """Checkpoints of versions that said something else can be read."""
+    assert "_outcome" not in attributes_of(GuardedPolicy(Fake(), "my:Own"))
 
 
 def decided(policy):
