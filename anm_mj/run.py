@@ -5,7 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -150,9 +150,17 @@ def run_loop(
         parts.policy.confirm = functools.partial(doubt_stop, state=state)
     keeper = _StateKeeper(checkpointer, config.steps)
     followers = (robot, recorder, *observers, keeper)
-    ended = explore(
-        robot, mapper, parts.policy, num_steps=config.steps, localiser=parts.localiser, observers=followers, state=state
-    )
+    # Nothing is written any more once the folder is let go.
+    with closing(checkpointer):
+        ended = explore(
+            robot,
+            mapper,
+            parts.policy,
+            num_steps=config.steps,
+            localiser=parts.localiser,
+            observers=followers,
+            state=state,
+        )
     interrupted = ended.stop_reason is StopReason.INTERRUPTED
     if interrupted:
         checkpointer.finish(ended.num_steps, resumable=True)

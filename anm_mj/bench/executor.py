@@ -3,6 +3,7 @@
 Every run gets a process of its own. A process that dies costs its run and nothing else.
 """
 
+import contextlib
 import importlib.util
 import itertools
 import json
@@ -87,7 +88,8 @@ def execute(
             process.wait()
             raise
         finally:
-            process.stdin.close()
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.close()
     if status != 0:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         shutil.rmtree(attempt, ignore_errors=True)
@@ -179,9 +181,10 @@ def _ray(
         known = os.environ.get("RAY_ADDRESS")
         local: dict[str, Any] = {} if known else {"num_cpus": num_workers, "include_dashboard": False}
         _started(lambda: ray.init(address=known or "local", log_to_driver=False, logging_level=logging.ERROR, **local))
+    pending: dict[Any, Job] = {}
     try:
         remote = ray.remote(num_cpus=1, max_retries=0)(execute)
-        pending = {remote.remote(job, *arguments, next(devices)): job for job in jobs}
+        pending |= {remote.remote(job, *arguments, next(devices)): job for job in jobs}
         while pending:
             (done,), _ = ray.wait(list(pending), num_returns=1)
             job = pending.pop(done)
@@ -191,6 +194,8 @@ def _ray(
                 error = f"{job.name} was lost with its worker ({type(err).__name__})."
             yield job, error
     finally:
+        for task in pending:
+            ray.cancel(task, force=True)
         if began:
             ray.shutdown()
 

@@ -157,13 +157,13 @@ class Checkpointer:
 
     def finish(self, step: int, *, resumable: bool) -> None:
         """End: with a last checkpoint where the run may be resumed, else with all of them removed."""
-        self._wait()
+        self.close()
         if self._failed is not None:
             self._warn(0, self._failed)
         if resumable:
             if self._enabled and step != self.last_step:
                 self._take(step)
-                self._wait()
+                self.close()
         else:
             self._store.remove()
 
@@ -174,7 +174,8 @@ class Checkpointer:
             return True
         return self.spent_s + next_s <= self._config.loop_share * loop_s
 
-    def _wait(self) -> None:
+    def close(self) -> None:
+        """Wait until the last checkpoint is written."""
         if self._thread is not None:
             self._thread.join()
             self._thread = None
@@ -190,7 +191,7 @@ class Checkpointer:
             return
         facts, files = self._facts()
         self.last_step = step
-        self._wait()
+        self.close()
         try:
             draft = self._store.draft(step, facts, graph)
         except OSError as err:

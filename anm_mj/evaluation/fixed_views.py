@@ -16,7 +16,9 @@ import numpy as np
 from anm_mj.evaluation.novel_views import candidate_poses
 from anm_mj.evaluation.rerender import explored_scene, observe_at
 from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_views
+from anm_mj.io.folder_hold import held
 from anm_mj.io.read_run import read_run
+from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.robot.robot_presets import robot_path
@@ -67,17 +69,18 @@ def evaluate_fixed_views(
     """Compare what a run's map renders at the fixed views of its scene with the truth.
 
     Writes ``fixed_views.json`` (pose and quality of each view, and the means) into the run folder. ``scene`` is the
-    present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run, a file in
-    it is damaged, or it explored another scene, SceneError if there is no such scene, MapError if the map cannot be
-    loaded, and RenderError if no GL back-end works.
+    present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run or is
+    being written, a file in it is damaged, or it explored another scene, SceneError if there is no such scene, MapError
+    if the map cannot be loaded, and RenderError if no GL back-end works.
     """
-    record = read_run(path)
-    views = fixed_views(explored_scene(record, scene), num_views)
-    neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
-    compared = compare_views(neural_map, views, len(views), on_progress)
-    return write_views(
-        path / "fixed_views.json", [{"pose": view.pose, "quality": quality} for view, _, _, quality in compared]
-    )
+    with held(RunFolder.open(path).path):
+        record = read_run(path)
+        views = fixed_views(explored_scene(record, scene), num_views)
+        neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
+        compared = compare_views(neural_map, views, len(views), on_progress)
+        return write_views(
+            path / "fixed_views.json", [{"pose": view.pose, "quality": quality} for view, _, _, quality in compared]
+        )
 
 
 def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:

@@ -20,7 +20,9 @@ from anm_mj.evaluation.view_quality import ViewsResult, compare_views, write_vie
 from anm_mj.frames import back_project
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.io.explored_file import read_explored
+from anm_mj.io.folder_hold import held
 from anm_mj.io.read_run import Run, read_run
+from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.folder import Scene
@@ -50,10 +52,16 @@ def evaluate_novel_views(
 
     Writes ``novel_views.json`` (quality of each view and the means) and ``novel_views.png`` (the first views) into the
     run folder. There are fewer where the scene has not as many. ``seed`` is that of places and directions, ``scene``
-    the present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run or
-    cannot be written, a file in it is damaged, or it explored another scene, SceneError if there is no such scene, and
-    MapError if the map cannot be loaded.
+    the present name or folder of the run's scene, if it has moved. Raises RunFolderError if the folder is no run,
+    is being written or cannot be written, a file in it is damaged, or it explored another scene, SceneError if there is
+    no such scene, and MapError if the map cannot be loaded.
     """
+    with held(RunFolder.open(path).path):
+        return _evaluated(path, views, seed, scene, on_progress)
+
+
+def _evaluated(path: Path, views: int, seed: int, scene: str | None, on_progress: Progress) -> ViewsResult:
+    """See :func:`evaluate_novel_views`."""
     record = read_run(path)
     world = explored_scene(record, scene)
     # What was observed is a matter of depth alone, or the quality of a map would decide on which views it is evaluated.

@@ -3,7 +3,7 @@
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from anm_mj.errors import RunFolderError
@@ -23,6 +23,9 @@ def held(path: Path) -> Iterator[None]:
             raise RunFolderError(f"Another program is writing to {path}; wait until it has ended, or stop it first.")
         yield
     finally:
+        # A process that was forked meanwhile would keep what is only closed.
+        with suppress(OSError):
+            fcntl.flock(folder, fcntl.LOCK_UN)
         os.close(folder)
 
 
@@ -30,7 +33,8 @@ def lock(descriptor: int) -> bool:
     """Lock an open file or folder until it is closed; False if another program has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    # A share of Windows refuses in its own way.
+    except (BlockingIOError, PermissionError):
         return False
     except OSError:
         # Some network file systems know no locks.

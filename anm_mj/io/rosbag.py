@@ -167,14 +167,14 @@ class _Bag(BagReader):
             return self._stated(colour, depth, camera_frame)
         rows, cols = colour_image(self.first(colour)).shape[:2]
         camera = Intrinsics(cols, rows, *self.options.camera)
-        is_named = "camera" in self.options.topics
-        if not is_named and not self.of_type(_CALIBRATION):
+        there = self.of_type(_CALIBRATION)
+        if "camera" in self.options.topics:
+            self.chosen("camera", there, [])
+        elif not there:
             return camera, None
         try:
             stated, bent = self._stated(colour, depth, camera_frame)
         except Exception as err:
-            if is_named:
-                raise
             # Whatever is wrong with the calibration, a damaged message, too, the user's camera stands for it.
             text = "The calibration in %s cannot be used (%s): the given camera stands alone, without lens distortion."
             _logger.warning(text, self.path, err)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import wrap_angle
+from anm_mj.frames import relative_pose, wrap_angle
 from anm_mj.loop_state import LoopState
 from anm_mj.ros.health import Health
 from anm_mj.ros.names import MAP
@@ -173,8 +173,11 @@ class GoalDriver:
         self._navigation, self._poses, self._health, self._state = navigation, poses, health, state
         self._serves: object = None
         """What the present goal is for; None = there is no goal."""
-        self._known = Pose2(0.0, 0.0, 0.0), 0.0
-        """Where the robot was in the map, and when [s], as of the last goal."""
+        self._odometry = Pose2(0.0, 0.0, 0.0)
+        """The last pose that is known."""
+        self._meeting: tuple[Pose2, Pose2] = (self._odometry, self._odometry)
+        """The same place by the odometry and in the map."""
+        self._latest_s = 0.0
 
     def act(self, action: Action, is_over: Callable[[], bool]) -> bool:
         """Let the robot move by about one action; whether it cannot."""
@@ -190,7 +193,7 @@ class GoalDriver:
             if self._serves is None:
                 self._send_for(action)
             turned += wrap_angle(new.yaw_rad - pose.yaw_rad)
-            pose = new
+            self._odometry = pose = new
             if math.dist(pose.xy_m, start.xy_m) >= FORWARD_STEP_M or abs(turned) >= TURN_STEP_RAD:
                 return False
             if math.dist(pose.xy_m, moved_at.xy_m) > 0.01 or abs(wrap_angle(pose.yaw_rad - moved_at.yaw_rad)) > 0.02:
@@ -214,15 +217,16 @@ class GoalDriver:
         return False
 
     def stop(self) -> None:
-        """Take the goal back."""
-        if self._serves is not None:
-            try:
-                self._known = self._in_map(), self._poses.latest_s
-            except RobotError as err:
-                # Nobody knows where the robot is: all the more it must not drive on.
-                _logger.warning("The goal is taken back without a pose. %s", err)
-            self._serves = None
-            self._navigation.cancel(*self._known)
+        """Take the goal back, also where nobody knows any more where the robot is."""
+        if self._serves is None:
+            return
+        self._serves = None
+        try:
+            here, self._latest_s = self._in_map(), self._poses.latest_s
+        except RobotError as err:
+            _logger.warning("The goal is taken back where the robot was last known to be. %s", err)
+            here = self._moved_to(self._odometry)
+        self._navigation.cancel(here, self._latest_s)
 
     def _send_for(self, action: Action) -> None:
         plan, here = self._state.plan, self._in_map()
@@ -235,21 +239,25 @@ class GoalDriver:
             side = {Action.TURN_LEFT: 1, Action.TURN_RIGHT: -1}.get(action, 0)
             serves, goal = side, Pose2(here.x_m, here.y_m, wrap_angle(here.yaw_rad + side * _QUARTER_RAD))
         if serves is not self._serves or (self._serves is not None and self._navigation.told.is_over):
-            self._serves, self._goal = serves, goal
-            self._known = here, self._poses.latest_s
-            self._navigation.send(goal, self._known[1])
+            self._serves, self._goal, self._latest_s = serves, goal, self._poses.latest_s
+            self._navigation.send(goal, self._latest_s)
 
     def _last(self) -> Pose2:
-        return self._poses.base(self._poses.latest_s) or Pose2(0.0, 0.0, 0.0)
+        self._odometry = self._poses.base(self._poses.latest_s) or self._odometry
+        return self._odometry
 
     def _in_map(self) -> Pose2:
         """Where the robot is in the map: its last estimate there, and what the odometry has measured since."""
         seen = self._state.observation
         then = None if seen is None else self._poses.base(seen.time_s)
-        if seen is None or then is None:
-            return self._last()
-        now = self._last()
-        c, s = math.cos(seen.pose.yaw_rad - then.yaw_rad), math.sin(seen.pose.yaw_rad - then.yaw_rad)
-        x, y = now.x_m - then.x_m, now.y_m - then.y_m
-        yaw = wrap_angle(seen.pose.yaw_rad + now.yaw_rad - then.yaw_rad)
-        return Pose2(seen.pose.x_m + c * x - s * y, seen.pose.y_m + s * x + c * y, yaw)
+        # A long action outlasts what is kept of the odometry.
+        if seen is not None and then is not None:
+            self._meeting = then, seen.pose
+        return self._moved_to(self._last())
+
+    def _moved_to(self, odometry: Pose2) -> Pose2:
+        """A pose by the odometry as one in the map."""
+        then, origin = self._meeting
+        since, c, s = relative_pose(then, odometry), math.cos(origin.yaw_rad), math.sin(origin.yaw_rad)
+        x_m, y_m = origin.x_m + c * since.x_m - s * since.y_m, origin.y_m + s * since.x_m + c * since.y_m
+        return Pose2(x_m, y_m, wrap_angle(origin.yaw_rad + since.yaw_rad))

@@ -104,7 +104,7 @@ def test_what_a_failed_checkpoint_was_to_force_to_the_disk_is_left_to_the_next(s
     checkpointer = make(store, {"root": [1]}, every_steps=1)
     assert checkpointer.synced_step == -1
     checkpointer.after_step(0, 0.0)
-    checkpointer._wait()
+    checkpointer.close()
     assert checkpointer.synced_step == 0
 
     def full(step, draft):
@@ -113,10 +113,10 @@ def test_what_a_failed_checkpoint_was_to_force_to_the_disk_is_left_to_the_next(s
     with monkeypatch.context() as patch:
         patch.setattr(store, "complete", full)
         checkpointer.after_step(5, 1e6)
-        checkpointer._wait()
+        checkpointer.close()
     assert (checkpointer.last_step, checkpointer.synced_step) == (5, 0)
     checkpointer.after_step(9, 1e6)
-    checkpointer._wait()
+    checkpointer.close()
     assert checkpointer.synced_step == 9
 
 

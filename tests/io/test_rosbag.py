@@ -132,12 +132,12 @@ def test_messages_that_do_not_fit_each_other_are_refused(tmp_path, topic, change
         list(open_sequence(path, SequenceOptions(floor_m=0.0))[0].observations())
 
 
-@pytest.mark.parametrize("lacks", ["no calibration", "zeros"])
-def test_a_camera_that_the_user_gives_stands_for_the_calibration(tmp_path, lacks):
+@pytest.mark.parametrize(("lacks", "named"), [("no calibration", {}), ("zeros", {}), ("zeros", {"camera": INFO})])
+def test_a_camera_that_the_user_gives_stands_for_the_calibration(tmp_path, lacks, named):
     said = changed(INFO, lambda m, k: replace(m, k=np.zeros(9)))
     path = write_bag(tmp_path / "bag", [one for one in said if lacks == "zeros" or one[0] != INFO])
     camera = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
-    check(open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera))[0])
+    check(open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera, topics=named))[0])
 
 
 def test_a_camera_that_the_user_gives_stands_for_a_damaged_calibration(tmp_path, caplog):
