@@ -86,18 +86,22 @@ def read_spec(
     return spec
 
 
-@contextmanager
-def quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo's warnings from the terminal, and from MUJOCO_LOG.TXT in the current folder."""
+def log_warnings() -> None:
+    """Send MuJoCo's warnings to the log from now on, not to the terminal and to MUJOCO_LOG.TXT in the current folder;
+    who simulates reads of faults in the data.
+    """
     import mujoco
 
     mujoco.set_mju_user_warning(lambda text: _logger.debug("MuJoCo: %s", text))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        mujoco.set_mju_user_warning(None)
+
+
+@contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Keep the warnings from the terminal that MuJoCo gives in C, as :func:`log_warnings`, and in Python."""
+    log_warnings()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:

@@ -69,8 +69,13 @@ def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
 
 
 def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:
-    """Remove the world around the robot, lights, skies, key frames and global settings; hide it from its own camera."""
+    """Remove the world around the robot, what is said of its contacts, sensors, lights, skies, key frames and global
+    settings; hide it from its own camera.
+    """
     world = spec.worldbody
+    of_world = [one for one in spec.excludes if "world" in (one.bodyname1, one.bodyname2)]
+    for element in [*spec.sensors, *spec.pairs, *of_world]:
+        spec.delete(element)
     for element in [*world.geoms, *world.sites, *world.lights, *world.cameras]:
         spec.delete(element)
     for body in [body for body in world.bodies if body.name != root]:

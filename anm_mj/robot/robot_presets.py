@@ -63,21 +63,24 @@ def robot_presets() -> dict[str, RobotPreset]:
 
 def preset_config(robot: str) -> RobotConfig:
     """The settings of a robot by its name, or by the name of its file; the defaults where no preset fits."""
-    preset = _preset(robot) or next((one for one in robot_presets().values() if robot == one.description), None)
+    named = _preset(robot)
+    preset = named or next((one for one in robot_presets().values() if robot == one.description), None)
     file = Path(robot)
     if preset is None and file.suffix:
         preset = next((p for p in robot_presets().values() if _matches(file, p)), None)
     if preset is None:
         return RobotConfig()
     values = dict(preset.model)
-    if os.path.isfile(file):  # Unlike Path.is_file, never an error.
-        text = _text(file)
+    # Unlike Path.is_file, os.path.isfile raises no error.
+    there = file if os.path.isfile(file) else _in_folders(named) if named else None
+    if there is not None:
+        text = _text(there)
         for key in [k for k in _NAMES_ELEMENT if k in values and f'"{values[k]}"' not in text]:
             _logger.info('%s has no "%s", so model.%s of preset %s is left out', robot, values[key], key, preset.name)
             del values[key]
         if values:
             shown = ", ".join(f"model.{key}={value}" for key, value in values.items())
-            _logger.info("settings of the preset %s for %s: %s", preset.name, file.name, shown)
+            _logger.info("settings of the preset %s for %s: %s", preset.name, there.name, shown)
     return RobotConfig(**values)
 
 
@@ -122,9 +125,18 @@ def robot_folders() -> list[Path]:
 
 
 def _in_folders(preset: RobotPreset) -> Path | None:
-    """The file of a robot in the user's folders; the one with the shortest path."""
-    found = [file for folder in robot_folders() for file in folder.rglob("*.xml") if _matches(file, preset)]
-    return min(found, key=lambda file: (len(file.name), len(str(file)), str(file)), default=None)
+    """The file of a robot in the user's folders: of files of other robots, too, as stretch.xml, the one whose path says
+    most of its name; then the one with the shortest path.
+    """
+    names = (preset.name, *preset.aliases)
+
+    def rank(found: tuple[Path, Path]) -> tuple[int, int, int, str]:
+        folder, file = found
+        below = file.relative_to(folder).as_posix().lower()
+        return -max(len(name) * (name in below) for name in names), len(file.name), len(str(file)), str(file)
+
+    found = [(folder, file) for folder in robot_folders() for file in folder.rglob("*.xml") if _matches(file, preset)]
+    return min(found, key=rank)[1] if found else None
 
 
 def _fetched(name: str) -> Path:

@@ -11,6 +11,11 @@ from anm_mj.mjcf.poses import set_pose
 from anm_mj.robot.compiled_robot import lowest_m, solid_geoms, unused_name
 from anm_mj.robot.isolate import remove_joints
 from anm_mj.robot.reduced_model import PLANAR_JOINTS
+from anm_mj.robot.wheels import least_armature
+
+SUBSTEP_S = 0.002
+"""Physics step that servos are made for [s]. From 0.004 on the wheel contacts lose accuracy, at 0.010 the wheels slip.
+"""
 
 _KV_PER_INERTIA = 2.0 / (9.6 * 0.05**2)
 """Gain of a motor per mass times squared wheel radius [1/s], scaled from the servos of ``models/diff_drive``."""
@@ -19,6 +24,9 @@ _DAMPING_PER_KV = 0.02
 """Highest damping of a wheel's joint over the gain of its servo; more would slow the wheel down noticeably."""
 _WEAK = 0.25
 """A servo of the file with less than this share of that gain is replaced."""
+_STIFF = 5.0
+"""A servo of the file is replaced, too, if its gain times the drive's time step is more inertias of the wheel than
+this: its velocity would overshoot from step to step. Robots of two masses drove at 4.4 and toppled at 6.8."""
 _STICKY_RADPS = 0.1
 """A servo that needs a larger speed error to overcome its joint's friction is replaced [rad/s]."""
 _SINKS_M = 0.005
@@ -39,10 +47,11 @@ def fit_servos(
     # Both wheels of a base move its mass and their own armatures.
     armature = sum(float(model.dof_armature[model.joint(wheel).dofadr[0]]) for wheel in wheels)
     kv = _KV_PER_INERTIA * (float(model.body_subtreemass[0]) * radius_m**2 + armature) * 2.0 / len(wheels)
+    least = least_armature(model, radius_m)
     names, top_radps, replaced = [], np.inf, []
     for wheel in wheels:
         on_wheel = [actuator for actuator in spec.actuators if actuator.target == wheel]
-        servo = next((a for a in on_wheel if _is_fit(model, a.name, wheel, kv)), None)
+        servo = next((a for a in on_wheel if _is_fit(model, a.name, wheel, kv, least)), None)
         for actuator in on_wheel:
             top_radps = min(top_radps, _top_speed(model, actuator.name))
             if actuator is not servo:
@@ -135,14 +144,20 @@ def make_velocity_servo(servo: "mujoco._specs.MjsActuator", kv: float, top_force
     servo.forcelimited, servo.forcerange = True, [-top_force, top_force]
 
 
-def _is_fit(model: mujoco.MjModel, actuator: str, wheel: str, kv: float) -> bool:
-    """Whether an actuator is a velocity servo in the joint's own unit that is strong enough."""
+def _is_fit(model: mujoco.MjModel, actuator: str, wheel: str, kv: float, least_armature: float) -> bool:
+    """Whether an actuator is a velocity servo in the joint's own unit, strong enough, and not too stiff for the drive's
+    time step where the joint gets ``least_armature`` [kg m^2].
+    """
     index = model.actuator(actuator).id
     gain, bias = float(model.actuator_gainprm[index, 0]), model.actuator_biasprm[index].tolist()
     plain = model.actuator_gear[index, 0] == 1.0 and model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
     is_servo = bool(plain) and gain > 0.0 and bias[1] == 0.0 and bias[2] == -gain
-    sticky = float(model.dof_frictionloss[model.joint(wheel).dofadr[0]]) > _STICKY_RADPS * gain
-    return is_servo and gain >= _WEAK * kv and not sticky
+    dof = model.joint(wheel).dofadr[0]
+    is_sticky = float(model.dof_frictionloss[dof]) > _STICKY_RADPS * gain
+    armature = max(float(model.dof_armature[dof]), least_armature)
+    inertia = float(model.dof_M0[dof] - model.dof_armature[dof]) + armature
+    is_stiff = gain * SUBSTEP_S > _STIFF * inertia
+    return is_servo and gain >= _WEAK * kv and not is_sticky and not is_stiff
 
 
 def _top_speed(model: mujoco.MjModel, actuator: str) -> float:

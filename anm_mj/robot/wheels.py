@@ -103,16 +103,20 @@ def base_frame(
     return T_world_base, track_m, tuple(float(sign) for sign in np.sign(signs))
 
 
+def least_armature(model: mujoco.MjModel, radius_m: float) -> float:
+    """The least inertia of the motor of a wheel of a radius [m], with which it drives steadily [kg m^2]."""
+    return _MIN_ARMATURE * float(model.body_mass.sum()) * radius_m**2
+
+
 def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: list[Wheel]) -> None:
     """Give every wheel a point contact, and its motor a minimal inertia.
 
     A cylinder touches the floor along a line, whose two ends scrub in every turn. An ellipsoid of the same size
     replaces the contact of every wheel; what was there stays visible.
     """
-    mass_kg = float(model.body_mass.sum())
     for wheel in wheels:
         joint = spec.joint(wheel.joint)
-        joint.armature = max(joint.armature, _MIN_ARMATURE * mass_kg * wheel.radius_m**2)
+        joint.armature = max(joint.armature, least_armature(model, wheel.radius_m))
         for geom in wheel.geoms:
             solid = spec.geom(model.geom(geom).name)
             solid.contype = solid.conaffinity = 0

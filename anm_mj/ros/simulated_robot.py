@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.control.speed_and_acceleration import MotionLimits, clipped, slewed
+from anm_mj.control.speed_and_acceleration import clipped, slewed
 from anm_mj.errors import ConfigError
-from anm_mj.frames import pose_matrix
+from anm_mj.frames import pose_matrix, relative_pose
 from anm_mj.ros import names
 from anm_mj.ros.node import LATCHED, STATE, Delivery, Node
 from anm_mj.sim.sim_robot import SimRobot
@@ -71,7 +71,7 @@ class SimulatedRosRobot:
         _require_within("--image-hz", image_hz, _HZ)
         require_rate(rate)
         self._robot, self._node, self._rate = robot, node, rate
-        self._limits, self._image_period_s = MotionLimits(), 1.0 / image_hz
+        self._image_period_s = 1.0 / image_hz
         self._wanted, self._wanted_s, self._now = _STILL, -math.inf, _STILL
         kinds = {
             names.COLOUR: (names.IMAGE, _IMAGES),
@@ -107,10 +107,12 @@ class SimulatedRosRobot:
         touched, next_image_s, start_s = False, first.image_age_s, robot.data.time
         while robot.data.time - start_s < duration_s and not until():
             self._now = self._limited()
+            before, before_s = robot.pose, robot.data.time
             motion = robot.drive(self._now, PERIOD_S)
+            moved, took_s = relative_pose(before, robot.pose), robot.data.time - before_s
             contacts += motion.collided and not touched
             touched = motion.collided
-            self._publish_state(motion.collided)
+            self._publish_state(Twist(moved.x_m / took_s, moved.yaw_rad / took_s))
             now_s = robot.data.time - start_s
             ahead_s = begin + now_s / self._rate - time.monotonic()
             if now_s >= next_image_s:
@@ -129,12 +131,13 @@ class SimulatedRosRobot:
     def _limited(self) -> Twist:
         """The velocity of the next period: towards the command as fast as the limits allow."""
         is_late = (time.monotonic() - self._wanted_s) * self._rate > COMMAND_TIMEOUT_S
-        wanted = clipped(_STILL if is_late else self._wanted, self._limits)
-        return slewed(self._now, wanted, self._limits, PERIOD_S)
+        limits = self._robot.limits
+        wanted = clipped(_STILL if is_late else self._wanted, limits)
+        return slewed(self._now, wanted, limits, PERIOD_S)
 
-    def _publish_state(self, stands: bool) -> None:
+    def _publish_state(self, moves: Twist) -> None:
         robot, make, now_s = self._robot, self._node.messages, self._robot.data.time
-        twist = make.twist(*((0.0, 0.0) if stands else (self._now.forward_mps, self._now.turn_radps)))
+        twist = make.twist(moves.forward_mps, moves.turn_radps)
         odometry = robot.odometry
         self._to[names.CLOCK].publish(make.make(names.CLOCK_TYPE, clock=make.stamp(now_s)))
         self._to[names.ODOMETRY].publish(make.odometry(now_s, names.ODOM, names.BASE, odometry, twist))

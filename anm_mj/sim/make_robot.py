@@ -11,11 +11,14 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from anm_mj.errors import RobotError, SceneError
+from anm_mj.errors import ConfigError, RobotError, SceneError
+from anm_mj.people.people_config import PeopleConfig
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.navigable import require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
-from anm_mj.sim.simulation_config import SimulationConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, in_reality
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.memory import forget_content
 from anm_mj.utils.threads import usual_num_threads
@@ -29,6 +32,14 @@ _logger = logging.getLogger(__name__)
 _PREFIX = "robot/"
 _ANY_THREAD = ("egl", "osmesa", "off")
 """GL back-ends that render in any thread, not only in the program's first."""
+
+_KINDS: dict[str, type] = {
+    "model": RobotConfig,
+    "camera": CameraConfig,
+    "sensor": SensorConfig,
+    "people": PeopleConfig,
+}
+"""Of options."""
 
 
 def make_robot(
@@ -46,7 +57,7 @@ def make_robot(
 
     Args:
         scene: the world.
-        config: what the robot is made of; None = the defaults.
+        config: what the robot is made of; None = the defaults of the option ``reality``.
         start: start pose; None = the one of the configuration.
         must_fit: whether the robot must be clear of obstacles at its start.
         knows_start: as of :class:`~.sim_robot.SimRobot`.
@@ -58,13 +69,20 @@ def make_robot(
             ``drive="physics"``.
 
     Raises:
-        ConfigError: if there is no such drive or pose source, or a number is out of range.
+        ConfigError: if there is no such drive or pose source, a number is out of range, or an option of another kind.
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
         RobotError: if there is no such robot, the robot lacks a part, or the sensor's range exceeds the camera's far
             plane.
         RenderError: if the user's GL back-end does not work.
     """
-    config = SimulationConfig(str(scene.folder), **options) if config is None else replace(config, **options)
+    for name, kind in _KINDS.items():
+        if not isinstance(options.get(name), kind | None):
+            raise ConfigError(f"{name} is {options[name]!r:.60}; give a {kind.__name__}.")
+    if config is None:
+        begins = in_reality(options.get("reality", IDEAL), options.get("robot", DEFAULT_ROBOT))
+        config = SimulationConfig(str(scene.folder), **begins | options)
+    else:
+        config = replace(config, **options)
     path = robot_path(config.robot)
     backend = select_backend()
     import mujoco
@@ -84,11 +102,13 @@ def make_robot(
     from anm_mj.sim.sim_robot import SimRobot
     from anm_mj.sim.views_ahead import AheadCamera
 
-    if idle := config.sensor.without_effect:
+    if idle := config.without_effect:
         _logger.warning(
-            "%s: without effect where sensor.depth is %s; choose another sensor, or another sensor.depth.",
-            ", ".join(f"sensor.{name}" for name in idle),
+            "%s: without effect where sensor.depth is %s, the pose is %s and so many move: %d.",
+            ", ".join(idle),
             config.sensor.depth,
+            config.pose,
+            config.people.num_bodies,
         )
     description = describe_file(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint, must_fit=must_fit)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
 
+from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.errors import RobotError
 from anm_mj.frames import pose_matrix, relative_pose
 from anm_mj.people.crowd import Crowd
@@ -33,7 +34,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("model", "data", "_camera", "_ahead", "_shown", "_people")
+    REBUILT = ("model", "data", "_camera", "_ahead", "_shown", "_people", "_noise_seed")
 
     def __init__(
         self,
@@ -66,8 +67,7 @@ class SimRobot:
         self.camera_kind = camera.kind
         """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
         self._sensor_config = sensor or SensorConfig()
-        self._sensor = Sensor(self._sensor_config, seed)
-        self._odometry = NoisyOdometry(self._sensor_config, seed)
+        self._seed(seed)
         self._origin: Pose2 | None = None if knows_start else drive.pose
         """Where odometry begins at zero; None = it begins at the true pose."""
         self._looked: tuple[Observation, Float32[np.ndarray, "h w"]] | None = None
@@ -81,10 +81,21 @@ class SimRobot:
             self._ahead = ViewsAhead(model, camera, drive, copied, self._sensor_config.delay_s, self._measure)
         self._people = None if self._crowd is None else PeopleShown(model)
 
+    def _seed(self, seed: int) -> None:
+        """Begin the errors of a seed."""
+        self._noise_seed = seed
+        self._sensor = Sensor(self._sensor_config, seed)
+        self._odometry = NoisyOdometry(self._sensor_config, seed)
+
     @property
     def footprint(self) -> Footprint:
         """The cylinder that must stay clear of obstacles."""
         return self._footprint
+
+    @property
+    def limits(self) -> MotionLimits:
+        """Of speed and acceleration."""
+        return self._drive.limits if isinstance(self._drive, WheelDrive) else MotionLimits()
 
     @property
     def _crowd(self) -> Crowd | None:
@@ -194,10 +205,8 @@ class SimRobot:
         """
         if self._ahead is not None:
             self._ahead.give_up()  # Noise of another seed comes next, which no state tells.
-        if seed is not None:
-            self._sensor = Sensor(self._sensor_config, seed)
-            self._odometry = NoisyOdometry(self._sensor_config, seed)
-            self._drive.reseed(seed)
+        self._seed(self._noise_seed if seed is None else seed)
+        self._drive.reseed(self._noise_seed)
         mujoco.mj_resetData(self.model, self.data)
         self.place(pose)
         self.step = 0
@@ -213,7 +222,10 @@ class SimRobot:
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point share a vertical plane. The point [m] is in the frame of
         the observations' poses. ``step`` does not count the motion; the result has the equivalent number of steps.
+        Raises RobotError if the point is not finite.
         """
+        if not np.isfinite(point_m).all():
+            raise RobotError(f"The robot cannot look at {np.asarray(point_m).tolist()}; all three must be finite.")
         if self._T_base_camera is not None:
             T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self.odometry))
             point_m = T_true_believed[:3, :3] @ point_m + T_true_believed[:3, 3]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from anm_mj.errors import ConfigError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, IMAGE_PX, CameraConfig, RobotConfig
-from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SENSORS, SensorConfig, sensor_config
 from anm_mj.utils.close_names import close_name
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry", "slam")
 LARGEST_SEED = 2**63 - 1
 IDEAL = "ideal"
+_ODOMETRY = ("odometry_alpha", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
 
 
 class Reality(NamedTuple):
@@ -105,6 +106,20 @@ class SimulationConfig:
             raise ConfigError(f"The seed is {self.seed}; give a whole number from 0 up to {LARGEST_SEED}.")
 
     @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of settings that differ from the usual ones, and that nothing in this simulation reads."""
+        usual = SENSORS.get(self.sensor.name, SensorConfig())
+        changed = [f"sensor.{name}" for name in _ODOMETRY if getattr(self.sensor, name) != getattr(usual, name)]
+        changed += ["model.wheel_noise"] * (self.model.wheel_noise > 0.0)
+        idle = [f"sensor.{name}" for name in self.sensor.without_effect] + changed * (self.pose == "true")
+        if self.people.num_bodies == 0:
+            nobody = PeopleConfig()
+            names = [entry.name for entry in fields(PeopleConfig)]
+            idle += [f"people.{name}" for name in names if getattr(self.people, name) != getattr(nobody, name)]
+        begins_with = {f"{group}.{name}" for group, own in REALITIES[self.reality].settings.items() for name in own}
+        return tuple(name for name in idle if name not in begins_with)
+
+    @property
     def start_pose(self) -> Pose2 | None:
         """The start with its yaw in radians; None = the scene's first."""
         if self.start is None:
@@ -113,6 +128,23 @@ class SimulationConfig:
 
         x_m, y_m, yaw_deg = self.start
         return Pose2(x_m, y_m, math.radians(yaw_deg))
+
+
+def in_reality(name: str, robot: str) -> dict[str, Any]:
+    """Fields of :class:`SimulationConfig` that a robot begins with in a reality. Raises ConfigError if there is no such
+    reality, and RobotError if the settings of the named robots cannot be read.
+    """
+    reality = reality_of(name)
+    begins: dict[str, Any] = {**reality.options, "reality": name}
+    if sensor := reality.options.get("sensor"):
+        begins["sensor"] = replace(sensor_config(sensor), **reality.settings.get("sensor", {}))
+    if noise := reality.settings.get("model"):
+        from anm_mj.robot.robot_presets import preset_config  # Names alone should not cost the import of numpy.
+
+        begins["model"] = replace(preset_config(robot), **noise)
+    if people := reality.settings.get("people"):
+        begins["people"] = PeopleConfig(**people)
+    return begins
 
 
 def reality_of(name: str) -> Reality:

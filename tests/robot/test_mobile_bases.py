@@ -141,6 +141,17 @@ def test_planar_joints_become_the_base(tmp_path, frame):
     assert (robot.footprint.z_min_m, robot.footprint.radius_m) == pytest.approx((0.05, 0.330), abs=1e-3)
 
 
+def test_a_planar_base_that_turns_past_the_back_turns_the_shortest_way():
+    robot = describe("planar")
+    model, data = on_a_floor(robot)
+    drive = KinematicDrive(model, data, robot, clearance_of(model, robot), prefix="r/")
+    drive.place(Pose2(0.0, 0.0, math.radians(175.0)))
+    before_rad = data.qpos[2]
+    drive.act(Action.TURN_LEFT)
+    assert drive.pose.yaw_rad == pytest.approx(math.radians(-175.0))
+    assert data.qpos[2] - before_rad == pytest.approx(math.radians(10.0))
+
+
 def test_wheels_without_telling_names_are_found(tmp_path):
     path = edited(tmp_path, "rover", ("left_wheel_joint", "motor_a"), ("right_wheel_joint", "motor_b"))
     assert describe_robot(path).wheel_joints == ("motor_a", "motor_b")

@@ -55,9 +55,15 @@ def written(tmp_path, *changes):
          ('<velocity joint="wheel_right" kv="1"/>', '<motor joint="wheel_right"/>')],
         [('<camera name="eye"', '<flexcomp name="flag" type="grid" count="3 3 1" spacing="0.02 0.02 0.02" dim="2" '
           'pos="0 0 0.2" radius="0.005" mass="0.1"><edge equality="true"/></flexcomp><camera name="eye"')],
+        [('kv="1"', 'kv="10"')],
+        [("<worldbody>", '<worldbody><geom name="ground" type="plane" size="9 9 1"/>'),
+         ('<geom type="cylinder" size="0.06 0.02" zaxis="0 1 0" mass="0.3"/></body></body>',
+          '<geom name="tyre" type="cylinder" size="0.06 0.02" zaxis="0 1 0" mass="0.3"/></body></body>'),
+         ("<actuator>", '<contact><pair geom1="ground" geom2="tyre"/><exclude body1="world" body2="chassis"/></contact>'
+          '<sensor><framepos objtype="geom" objname="ground"/></sensor><actuator>')],
     ],
     ids=["endless range", "defaults without contact", "coupled wheels", "tendon", "weightless", "defaults of motors",
-         "a flag"],
+         "a flag", "stiff servos", "contacts and sensors of its world"],
 )  # fmt: skip
 def test_it_drives(tmp_path, changes):
     robot = describe_robot(written(tmp_path, *changes))

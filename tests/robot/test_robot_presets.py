@@ -69,6 +69,17 @@ def test_a_robot_in_a_folder_of_the_user(tmp_path, monkeypatch):
     assert robot_path("turtlebot3_burger") == tmp_path / "tb3" / "turtlebot3_burger.xml"
 
 
+def test_of_files_of_one_name_that_of_the_named_robot_is_taken(tmp_path, monkeypatch):
+    monkeypatch.setenv("ANM_MJ_ROBOTS", str(tmp_path))
+    for folder in ("hello_robot_stretch", "hello_robot_stretch_3"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "stretch.xml").write_text("<mujoco/>")
+    assert robot_path("stretch3") == tmp_path / "hello_robot_stretch_3" / "stretch.xml"
+    # By name as by path, what the file lacks is left out.
+    assert preset_config("stretch3").keyframe == ""
+    assert preset_config("stretch3").camera_pose
+
+
 @pytest.mark.parametrize("name", ["x" * 5000, "x" * 5000 + ".xml"])
 def test_a_name_that_no_file_can_have_is_no_robot(name):
     assert preset_config(name) == RobotConfig()

@@ -71,6 +71,25 @@ def served(robot, other: Node) -> SimulatedRosRobot:
     return SimulatedRosRobot(robot, other, image_hz=20.0, rate=RATE)
 
 
+def test_odometry_tells_how_fast_a_slow_robot_moves_whatever_is_commanded(node: Node, other: Node):
+    heard = Heard(node)
+    command = node.publisher(names.COMMAND, names.TWIST)
+    slow = {"robot": "turtlebot3_burger", "drive": "physics", "pose": "odometry", "image_px": 16}
+    with make_robot(load_scene("room"), start=START, knows_start=False, **slow) as robot:
+        served = SimulatedRosRobot(robot, other, image_hz=1.0, rate=RATE)
+
+        def command_on() -> bool:
+            if command.num_subscribers:
+                command.publish(node.messages.twist(0.5, 0.0))
+            return names.ODOMETRY in heard and heard.x_m > 0.3
+
+        served.serve(command_on, 20.0)
+        xs_m, speeds = np.array(heard.paths).T
+    assert xs_m[-1] > 0.3
+    assert speeds[xs_m > 0.2] == pytest.approx(robot.limits.forward_mps, rel=0.1)
+    assert robot.limits.forward_mps < 0.4
+
+
 def test_everything_is_published_in_the_frames_and_units_of_ros(node: Node, served):
     heard = Heard(node)
 

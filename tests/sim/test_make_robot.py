@@ -8,12 +8,15 @@ import trimesh
 
 from anm_mj.errors import ConfigError, RobotError, SceneError
 from anm_mj.frames import back_project
+from anm_mj.people.people_config import PeopleConfig
+from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.sim.simulation_config import DRIVES
-from anm_mj.types import DEFAULT_FOOTPRINT, Action, Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, FORWARD_STEP_M, Action, Pose2
 from tests.robots import ROVER_XML
 
 
@@ -150,3 +153,46 @@ def test_third_party_scene(public_scenes, tmp_path):
         assert np.isfinite(observation.depth_m).mean() > 0.5
         assert len(np.unique(observation.rgb.reshape(-1, 3), axis=0)) > 100
         assert not robot.act(Action.TURN_LEFT).collided
+
+
+def test_a_point_that_is_not_finite_cannot_be_looked_at(robot):
+    with pytest.raises(RobotError, match="all three must be finite"):
+        robot.look_at(np.array([math.nan, 0.0, 0.0]))
+
+
+def test_a_reality_is_what_its_name_says(room):
+    with make_robot(room, reality="real", image_px=32, start=Pose2(-1.5, 0.0, 0.0), sensor=SensorConfig()) as robot:
+        # A motion by torque takes its time to come to rest, and there are three people; what is given goes before.
+        assert robot.act(Action.MOVE_FORWARD).moved_m != FORWARD_STEP_M
+        robot.observe()
+        people = robot.true_view().people
+        assert people is not None
+        assert len(people.states) == 3
+
+
+@pytest.mark.parametrize("option", [{"sensor": "d435i"}, {"people": 3}, {"model": {}}])
+def test_an_option_of_another_kind_is_refused(room, option):
+    with pytest.raises(ConfigError, match=r"give a \w+Config"):
+        make_robot(room, **option)
+
+
+def test_settings_that_nothing_reads_are_told(room, caplog):
+    idle = {"sensor": SensorConfig(odometry_radius_error=0.1), "people": PeopleConfig(fastest_mps=1.5)}
+    make_robot(room, start=Pose2(-1.5, 0.0, 0.0), image_px=32, **idle).close()
+    assert "sensor.odometry_radius_error, people.fastest_mps: without effect" in caplog.text
+    caplog.clear()
+    idle["people"] = PeopleConfig(number=1, fastest_mps=1.5)
+    make_robot(room, start=Pose2(-1.5, 0.0, 0.0), image_px=32, pose="odometry", **idle).close()
+    assert "without effect" not in caplog.text
+
+
+def test_a_restart_repeats_all_errors(room):
+    noisy = {"pose": "odometry", "model": RobotConfig(wheel_noise=0.1), "image_px": 32}
+    ends = set()
+    with make_robot(room, start=(start := Pose2(-1.5, 0.0, 0.0)), **noisy) as robot:
+        for _ in range(2):
+            robot.restart(start)
+            for _ in range(9):
+                robot.act(Action.TURN_LEFT)
+            ends.add(robot.odometry.yaw_rad)
+    assert len(ends) == 1

@@ -15,9 +15,11 @@ from anm_mj.control.speed_and_acceleration import limits_of, slewed
 from anm_mj.control.wheel_servo import BaseServo
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer
+from anm_mj.mjcf.read_mjcf import log_warnings
 from anm_mj.robot.base_joints import element_id
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics
+from anm_mj.robot.servos import SUBSTEP_S
 from anm_mj.sim.drives.repeated_failures import RepeatedFailures
 from anm_mj.sim.drives.shell_contacts import ShellContacts
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
@@ -29,8 +31,6 @@ UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 _UNSTABLE = np.array([int(kind) for kind in UNSTABLE])
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
-SUBSTEP_S = 0.002
-"""Physics step [s]. From 0.004 on the wheel contacts lose accuracy, at 0.010 the wheels slip."""
 _SUBSTEPS = 10
 """Physics steps between two commands to the wheels."""
 _MAX_WHEEL_RADPS = 12.0
@@ -99,6 +99,8 @@ class PhysicsDrive(WheelDrive):
         self._reference = self._base.pose
         self._twist = _STANDING
 
+        # Where the simulation diverges, the run says so.
+        log_warnings()
         model.opt.timestep = SUBSTEP_S
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC

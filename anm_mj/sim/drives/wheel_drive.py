@@ -91,6 +91,11 @@ class WheelDrive:
         self._odometer.reseed(seed)
 
     @property
+    def limits(self) -> MotionLimits:
+        """Of its speed and acceleration."""
+        return self._limits
+
+    @property
     def pose(self) -> Pose2:
         """True pose of the base."""
         return self._base.pose

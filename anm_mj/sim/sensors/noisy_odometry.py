@@ -6,7 +6,7 @@ import numpy as np
 
 from anm_mj.frames import wrap_angle
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.types import Pose2
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2
 
 _STILL_M = 1e-6
 """A shorter translation has no direction [m]."""
@@ -14,12 +14,16 @@ _SHORT_M = 0.01
 """The robot does not turn towards the end of a shorter translation first [m], as in the motion model of nav2_amcl: in a
 turn on the spot, wheels that creep or encoders that err move it by less, in any direction."""
 
+_WHOLE, _LEAST = 0.9, 0.03
+"""Of an action; a longer motion is one, and a shorter one rather creeps than drives."""
+
 
 class NoisyOdometry:
     """Adds up what odometry reports between observations, each part with an error of its own.
 
     A motion is a rotation towards its end, a translation and a rotation to its heading; the variance of each grows with
-    both kinds of motion. Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, table 5.6.
+    the squares of both kinds of motion. Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, table 5.6. The
+    squares are those of an action's motion: its parts, where odometry is read more often, add up to the same variance.
 
     Systematic errors come before that: a wrong radius scales all three, and wheels of unequal radius bend the way.
     Source: Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, IEEE
@@ -65,6 +69,8 @@ class NoisyOdometry:
         first, second = self._scale * first + bend, self._scale * second + bend
         a1, a2, a3, a4 = self._alpha
         noise = self._generator.standard_normal(3)
+        part = max(abs(distance) / FORWARD_STEP_M, abs(turned) / TURN_STEP_RAD)
+        noise *= 1.0 if part > _WHOLE else max(part, _LEAST) ** -0.5
         noisy_first = first + math.sqrt(a1 * first**2 + a2 * distance**2) * noise[0]
         noisy_distance = distance + math.sqrt(a3 * distance**2 + a4 * (first**2 + second**2)) * noise[1]
         noisy_second = second + math.sqrt(a1 * second**2 + a2 * distance**2) * noise[2]

@@ -34,6 +34,14 @@ def test_translation_spreads_along_the_path():
     assert along.std() == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.parametrize("parts", [1, 10])
+def test_the_noise_is_the_same_however_often_it_is_read(parts):
+    moves = [(0.065 / parts, 0.0)] * (20 * parts)
+    found, pose = ends((0.0, 0.0, 0.01, 0.0), moves, num=300)
+    along = (found[:, :2] - pose.xy_m) @ [math.cos(0.5), math.sin(0.5)]
+    assert along.std() == pytest.approx(0.1 * 0.065 * math.sqrt(20), rel=0.15)
+
+
 def test_rotation_spreads_with_rotation():
     found, pose = ends((0.04, 0.0, 0.0, 0.0), [(0.0, 0.5)])
     assert (found[:, 2] - pose.yaw_rad).std() == pytest.approx(0.1, rel=0.15)
