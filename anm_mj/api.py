@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.config import make_config
-from anm_mj.errors import AnmError, MapError, RunFolderError
+from anm_mj.config import OPTIONS, make_config
+from anm_mj.errors import AnmError, ConfigError, MapError, RunFolderError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
+from anm_mj.sim.simulation_config import require_choice
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,8 +72,10 @@ class LoadedRun:
             what: the top-down map with graph and trajectory, or completion against steps.
 
         Raises:
+            ConfigError: there is no such figure.
             RunFolderError: the run has none.
         """
+        require_choice("figure", what, ("topdown", "curve"))
         from anm_mj.export.figures import curve_of, topdown_of
 
         return (curve_of if what == "curve" else topdown_of)(self.content)
@@ -172,7 +175,8 @@ def explore_scene(
     out: str | os.PathLike[str] | None = None,
     preset: str = "default",
     sensor: str | None = None,
-    settings: Sequence[str] = (),
+    people: int | None = None,
+    settings: str | Sequence[str] = (),
     on_step: Callable[[Stepped], object] | None = None,
     observers: Sequence[Observer] = (),
     continue_from: str | os.PathLike[str] | None = None,
@@ -189,35 +193,63 @@ def explore_scene(
         out: the run folder; None = a new one below ``runs/``.
         preset: mapping effort.
         sensor: errors of the camera, by name; None = none, or those of the reality.
-        settings: ``group.name=value`` each, as for ``--set``.
+        people: number of people who walk through the scene; None = nobody, or those of the reality.
+        settings: ``group.name=value``, or several of them, as for ``--set``.
         on_step: called after every step; the run ends (``INTERRUPTED``) when it returns True.
         observers: hear every event of the run (:mod:`anm_mj.events`), such as a viewer.
         continue_from: folder of a run whose map and explored state this one begins with; None = with nothing.
         return_to_start: whether the robot drives back to its start before the run ends, in time for the budget.
         **options: ``start`` (x [m], y [m], yaw [deg]), ``unknown_start``, ``reality``, ``robot``, ``drive``, ``pose``,
-            ``goal`` and ``device``, as on the command line.
+            ``goal``, ``budget``, ``device`` and ``image_px``, as on the command line.
 
     Raises:
-        AnmError: the scene, start, policy, a setting, the renderer or the output folder cannot be used.
+        AnmError: the scene, start, policy, an option or setting, the renderer or the output folder cannot be used.
     """
     from anm_mj.events import On, Stepped
     from anm_mj.run import run
 
+    texts = [settings] if isinstance(settings, str) else settings
+    _refuse_wrong(out=out, settings=texts, on_step=on_step, observers=observers)
+    known = (*OPTIONS, "image_px", "sensor", "people")
+    for name, value in options.items():
+        if name not in known:
+            raise ConfigError(
+                f"{name} is {value!r}, but explore_scene has no such option; it has {', '.join(known)}, and settings "
+                "for all else, as in settings=['record.images=full']."
+            )
     config = make_config(
         preset,
-        list(settings),
+        [*([] if people is None else [f"people.number={people}"]), *texts],
         sensor=sensor,
-        scene=os.fspath(scene),
+        scene=scene,
         policy=policy,
         steps=steps,
         seed=seed,
-        continue_from=None if continue_from is None else os.fspath(continue_from),
+        continue_from=continue_from,
         return_to_start=return_to_start,
         **options,
     )
     followers = [*observers, *([] if on_step is None else [On(Stepped, on_step)])]
     folder, metrics = run(config, out=None if out is None else Path(out), observers=followers)
     return Exploration(folder.path, dataclasses.asdict(metrics))
+
+
+def _refuse_wrong(*, out: Any, settings: Any, on_step: Any, observers: Any) -> None:
+    """Raises ConfigError for arguments of :func:`explore_scene` that would fail when the run has begun."""
+    from anm_mj.events import Observer
+
+    for name, value, is_right, wanted in (
+        ("out", out, out is None or isinstance(out, str | os.PathLike), "the path of a folder"),
+        ("settings", settings, _all_are(str, settings), "texts, as in ['planning.margin_m=0.06']"),
+        ("on_step", on_step, on_step is None or callable(on_step), "a function of one argument"),
+        ("observers", observers, _all_are(Observer, observers), "a list of objects with a method on_event"),
+    ):
+        if not is_right:
+            raise ConfigError(f"{name} is {value!r}; give {wanted}.")
+
+
+def _all_are(kind: type, values: Any) -> bool:
+    return isinstance(values, Sequence) and all(isinstance(value, kind) for value in values)
 
 
 def load_run(path: str | os.PathLike[str]) -> LoadedRun:

@@ -9,6 +9,7 @@ import difflib
 import functools
 import logging
 import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar, TypeVar
@@ -20,7 +21,7 @@ from anm_mj.mapping.mapping_config import DEVICES, MAPPING_PRESETS, MappingConfi
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.registry import DEFAULT_GOAL, DEFAULT_POLICY, GOALS, default_settings, policy_entry
 from anm_mj.recording.record_config import RecordConfig
-from anm_mj.sim.sensors.sensor_config import sensor_config
+from anm_mj.sim.sensors.sensor_config import SensorConfig, sensor_config
 from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, reality_of, require_choice
 from anm_mj.utils.settings import of_type
 
@@ -145,14 +146,15 @@ def make_config(
         **options: its fields.
 
     Raises:
-        ConfigError: there is no such preset or setting, or a setting cannot have its value.
+        ConfigError: there is no such preset or setting, or an option or setting cannot have its value.
         PlanError: there is no such policy, or a planning setting is out of range.
         RobotError: there is no such sensor, or a sensor or robot setting is out of range.
     """
-    world = reality_of(reality)
-    options = {**world.options, "sensor": sensor or world.options.get("sensor", "exact"), **options}
-    options["sensor"] = sensor_config(options["sensor"])
-    config = _default_config(kind, preset, reality=reality, **options)
+    options = {name: _option(kind, name, value) for name, value in {**options, "reality": reality}.items()}
+    world = reality_of(options["reality"])
+    named: str = _option(SensorConfig, "name", sensor or world.options.get("sensor", "exact"), "sensor")
+    options = {**world.options, **options, "sensor": sensor_config(named)}
+    config = _default_config(kind, _option(kind, "preset", preset), **options)
     values: dict[tuple[str, ...], Any] = {
         (group, name): value for group, own in world.settings.items() for name, value in own.items()
     }
@@ -178,6 +180,21 @@ def make_config(
     if any(values.get(keys) for keys in _MOVERS):
         values.setdefault(_MOVING, True)
     return _with(config, values)
+
+
+def _option(owner: type, field: str, value: Any, name: str = "") -> Any:
+    """An option as the type of the field that holds it; paths, numbers and arrays of NumPy, too. ``name`` is what it is
+    called, if not as the field. Raises ConfigError if it is of another type, or not finite.
+    """
+    plain = os.fspath(value) if isinstance(value, os.PathLike) else value
+    try:
+        found = of_type(owner, field, plain.tolist() if hasattr(plain, "tolist") else plain)
+        if isinstance(found, tuple) and not all(map(math.isfinite, found)):
+            raise ValueError("Expected finite numbers")
+    except ValueError as err:
+        said = str(err).replace("null", "None")
+        raise ConfigError(f"{name or field} is {value!r} ({said}); give a value of the right type.") from err
+    return found
 
 
 def read_config(values: Mapping[str, Any], kind: type[Kind] = RunConfig) -> Kind:

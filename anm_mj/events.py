@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from anm_mj.localisation.localiser import PoseEstimate
 from anm_mj.protocols import Mapper
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, StopReason
@@ -102,4 +104,8 @@ class On:
 
     def on_event(self, event: object) -> bool | None:
         """See :class:`Observer`."""
-        return isinstance(event, self._type) and self._function(event) is True
+        if not isinstance(event, self._type):
+            return False
+        answer = self._function(event)
+        # A comparison of arrays gives a truth value of NumPy's own.
+        return isinstance(answer, bool | np.bool_) and bool(answer)

@@ -17,7 +17,7 @@ from anm_mj.checkpoint.going_on import lay_over, say_other_engine
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
-from anm_mj.events import Decided, Observed, Observer
+from anm_mj.events import Decided, Ended, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.folder_hold import held
 from anm_mj.io.manifest import RunFacts, manifest
@@ -38,7 +38,7 @@ from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import frame_fit
-from anm_mj.types import Footprint, MapUpdate, Observation
+from anm_mj.types import Footprint, MapUpdate, Observation, StopReason
 
 _logger = logging.getLogger(__name__)
 
@@ -74,7 +74,8 @@ def map_sequence(
         corrections: Options that it found and that were applied, for the manifest.
         observers: Hear of the start (:class:`~anm_mj.io.run_events.Started`, with the number of frames for a budget),
             of every frame (:class:`~anm_mj.events.Observed`, :class:`~anm_mj.io.run_events.Mapped`) and decision
-            (:class:`~anm_mj.events.Decided`); any of them may end the run with what there is.
+            (:class:`~anm_mj.events.Decided`), and after the last frame of the end (:class:`~anm_mj.events.Ended`, whose
+            steps are frames); any of them may end the run with what there is.
         resume: The folder of a run of the same sequence and settings that was killed, interrupted or ended in an
             error, to go on with.
 
@@ -120,6 +121,9 @@ def _map(
             interrupted = mapping.map_frame(observation, tell)
             between = True
             checkpointer.after_step(state.next_frame, mapping.wall_s)
+        if state.last is not None:
+            reason = StopReason.INTERRUPTED if interrupted else StopReason.BUDGET
+            tell(Ended(reason, len(state.records), sum(state.watch.ms.values()) / 1e3, state.last))
     except Exception as err:
         # What was mapped before is worth more than nothing.
         failure = err

@@ -12,6 +12,7 @@ from anm_mj.evaluation.trajectory_error import reference_error, warn_of_assumed_
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import write_plan
+from anm_mj.io.read_run import read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence import ranges_text
@@ -94,7 +95,7 @@ def write_map(
     with writing(folder.topdown_picture):
         figure = topdown_figure(
             survey,
-            log.poses,
+            read_run(folder.path).known_poses,
             target_xy_m=log.last_target_xy_m,
             title=f"{Path(config.scene).resolve().name}, {log.num_frames} recorded frames",
         )

@@ -1,6 +1,7 @@
 """What users import reads a run as arrays and as a data frame, and passes a strict type checker."""
 
 import base64
+import inspect
 import io
 import json
 import shutil
@@ -13,6 +14,8 @@ import pytest
 from PIL import Image
 
 import anm_mj
+from anm_mj.errors import ConfigError
+from anm_mj.events import On
 from anm_mj.viz.figure_file import save_figure
 from tests.replay.conftest import box_run
 
@@ -84,6 +87,77 @@ def test_only_a_run_that_did_not_end_is_said_not_to_have(run):
 def test_a_run_is_plotted(run, what):
     with Image.open(io.BytesIO(run.plot(what)._repr_png_())) as picture:
         assert min(picture.size) > 500
+
+
+def test_a_figure_that_a_run_has_not_is_refused(run):
+    # Called past the tests' own check of types, which users have not.
+    with pytest.raises(ConfigError, match="no figure 'completion'; choose one of topdown, curve"):
+        inspect.unwrap(type(run).plot)(run, "completion")
+
+
+@pytest.mark.parametrize(
+    ("answer", "ends"), [(True, True), (np.True_, True), (np.False_, False), (None, False), (1, False), ("yes", False)]
+)
+def test_a_run_ends_where_on_step_says_true_in_python_or_numpy(answer, ends):
+    assert On(int, lambda event: answer).on_event(3) is ends
+    assert On(str, lambda event: answer).on_event(3) is False
+
+
+WRONG = {
+    "start=(1, 2)": "start is (1, 2)",
+    "start='1,2,3'": "start is '1,2,3'",
+    "start=(1, 2, float('nan'))": "start is (1, 2, nan)",
+    "steps=2.0": "steps is 2.0",
+    "steps='500'": "steps is '500'",
+    "seed=1.5": "seed is 1.5",
+    "people=1.5": "people.number=1.5",
+    "policy=3": "policy is 3",
+    "preset=['quick']": "preset is ['quick']",
+    "sensor=5": "sensor is 5",
+    "reality=3": "reality is 3",
+    "robot=3": "robot is 3",
+    "device=None": "device is None",
+    "return_to_start='yes'": "return_to_start is 'yes'",
+    "continue_from=3": "continue_from is 3",
+    "record={'images': 'full'}": "record is {'images': 'full'}, but explore_scene has no such option",
+    "foo=3": "foo is 3, but explore_scene has no such option",
+    "kind=3": "kind is 3, but explore_scene has no such option",
+    "settings=[3]": "settings is [3]",
+    "settings='planning.margin=0.06'": "--set planning.margin: there is no such setting",
+    "out=5": "out is 5",
+    "on_step=3": "on_step is 3",
+    "observers=[3]": "observers is [3]",
+}
+"""Options of an exploration that cannot be, and what is said of them."""
+
+
+def without_type_checks(program, place):
+    """What a program prints in an interpreter of its own, where nothing checks the types of arguments."""
+    words = [sys.executable, "-c", "import anm_mj\n" + program]
+    done = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_a_wrong_option_is_one_sentence_and_leaves_no_folder(tmp_path):
+    program = "def refused(**options):\n    try: anm_mj.explore_scene('room', **{'steps': 1, **options})\n"
+    program += "    except anm_mj.AnmError as err: print(type(err).__name__, err)\n"
+    said = without_type_checks(program + "\n".join(f"refused({options})" for options in WRONG), tmp_path)
+    for line, words in zip(said, WRONG.values(), strict=True):
+        assert line.startswith("ConfigError")
+        assert words in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_of_an_exploration_may_be_of_numpy_and_one_setting_a_text(tmp_path):
+    program = (
+        "import numpy as np, pathlib\n"
+        "made = anm_mj.explore_scene('room', steps=np.int64(1), seed=np.uint8(2), start=np.array([2.5, 2.4, 15]),\n"
+        "    people=1, return_to_start=np.False_, settings='image_px=32', out=pathlib.Path('run'))\n"
+        "config = anm_mj.load_run(made.folder).config\n"
+        "print(config['seed'], config['start'], config['people']['number'], config['image_px'])\n"
+    )
+    assert without_type_checks(program, tmp_path) == ["2 [2.5, 2.4, 15.0] 1 32"]
 
 
 def test_without_pandas_it_is_one_sentence(run, monkeypatch):

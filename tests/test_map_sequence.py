@@ -11,14 +11,20 @@ import trimesh
 
 from anm_mj.api import load_run
 from anm_mj.cli.main import main
+from anm_mj.config import make_config
 from anm_mj.errors import RunFolderError
+from anm_mj.events import Ended
 from anm_mj.io.folder_hold import held
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.own_sequence import SequenceWriter
-from anm_mj.map_sequence import _Mapping
+from anm_mj.io.run_events import Mapped
+from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
+from anm_mj.map_sequence import _Mapping, map_sequence
 from anm_mj.planning.policies.random_walk import RandomWalk
 from anm_mj.types import Intrinsics, Pose2
+from anm_mj.viz.live_view import LiveView
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
+from tests.fake_robot import FakeRobot
 
 pytestmark = pytest.mark.usefixtures("quick_results")
 
@@ -65,6 +71,34 @@ def test_replay_film_and_exports_read_it(mapped, tmp_path):
     assert main(["export", str(mapped), "--format", "all", "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "map.yaml").is_file()
     assert main(["export", str(mapped), "--video", str(tmp_path / "film.gif"), "--every", "5"]) == 0
+
+
+class Listener:
+    """Hears what a mapping tells, and ends it after some frames."""
+
+    def __init__(self, last_frame):
+        self.last_frame, self.heard = last_frame, []
+
+    def on_event(self, event):
+        self.heard.append(event)
+        return isinstance(event, Mapped) and event.observation.step == self.last_frame
+
+
+@pytest.mark.parametrize(
+    ("last_frame", "said"), [(None, "Done after 16 frames."), (4, "Ended after 5 frames: INTERRUPTED.")]
+)
+def test_a_mapping_tells_its_end_and_the_page_how_to_replay_it(sequence, tmp_path, last_frame, said):
+    listener, page = Listener(last_frame), LiveView(port=0)
+    config = make_config("quick", ["mapping.schedule.final_iterations=1"], scene=str(sequence))
+    frames, _ = open_sequence(sequence, SequenceOptions())
+    folder = map_sequence(frames, config, FakeRobot.footprint, out=tmp_path / "out", observers=[listener, page])
+    page.close()
+    (ended,) = [event for event in listener.heard if isinstance(event, Ended)]
+    assert listener.heard[-1] is ended
+    assert ended.observation.step == ended.num_steps - 1
+    assert ended.loop_s > 0.0
+    ((_, text),) = [entry for entry in page._server._state.items() if entry[0] == ("ended", "text")]
+    assert json.loads(text)["ended"] == f"{said} Replay it: anm-mj view {folder.path}"
 
 
 def test_a_folder_without_truth_is_not_evaluated(mapped, capsys):

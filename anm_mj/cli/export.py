@@ -44,8 +44,8 @@ def export(
         formats: for other tools; may be repeated
         out: folder of --format; by default RUN/export
         video: a film, film.mp4 or film.gif
-        fps: steps per second of the film (default: 15)
-        every: show every Nth step only (default: 1)
+        fps: pictures per second of the film, at most 120, of a GIF 50 (default: 15)
+        every: show every Nth step and the last only (default: 1)
         scene: name or folder of the run's scene, if it kept no images and has moved
         start: when the run began, for rosbag: 2026-05-01T09:30 (UTC), seconds since 1970, or 0 to count from its start;
             by default when it was made
@@ -60,18 +60,27 @@ def export(
     if not formats:
         refuse_idle({"--out": out, "--start": start}, "no other format is written; add --format NAME")
     console = PlainConsole()
-    if formats:
-        from anm_mj.export.formats import export_run
+    timeline = None
+    if video is not None:
+        from anm_mj.replay.pictures import kept_images
+        from anm_mj.replay.timeline import read_timeline
 
+        timeline = read_timeline(run)
+        if kept_images(timeline.run):
+            refuse_idle({"--scene": scene}, "the film shows the images that were kept; leave it out")
+    if formats:
+        from anm_mj.export.formats import FORMATS, export_run
+
+        if all(name in FORMATS and not FORMATS[name].timed for name in formats):
+            refuse_idle({"--start": start}, "no chosen format has times of day; add --format rosbag")
         with progress_bar(console, "export") as on_progress:
             written = export_run(run, formats, out, lambda name, done, total: on_progress(done, total), start)
         console.say(*map(_written, written))
-    if video is not None:
+    if video is not None and timeline is not None:
         from anm_mj.replay.film import write_film
-        from anm_mj.replay.timeline import read_timeline
 
         with progress_bar(console, "film") as on_progress:
-            write_film(read_timeline(run), video, **film, on_progress=on_progress)
+            write_film(timeline, video, **film, on_progress=on_progress)
         console.say(_written(video))
     return 0
 

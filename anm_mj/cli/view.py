@@ -32,6 +32,7 @@ def view(
     from anm_mj.cli.console import PlainConsole, progress_bar
     from anm_mj.io.write import writing
     from anm_mj.replay.page import pair_page, replay_page
+    from anm_mj.replay.pictures import kept_images
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import write_text
     from anm_mj.viz.page_server import FIRST_PORT, PageServer
@@ -40,6 +41,8 @@ def view(
         refuse_idle({"--port": port, "--no-browser": no_browser}, "the page becomes a file; leave out --export-html")
     console = PlainConsole()
     timelines = [read_timeline(path) for path in (run, other) if path is not None]
+    if all(kept_images(timeline.run) for timeline in timelines):
+        refuse_idle({"--scene": scene}, "the images that were kept are shown; leave it out")
     pages = []
     for timeline in timelines:
         with progress_bar(console, f"reading {timeline.run.folder.path.name}") as on_progress:

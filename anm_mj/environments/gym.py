@@ -27,13 +27,19 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it this way.
 
     def __init__(
-        self, scene: str | Path | Sequence[str | Path], render_mode: str | None = None, **options: Any
+        self,
+        scene: str | Path | Sequence[str | Path],
+        render_mode: str | None = None,
+        *,
+        seed: int | None = None,
+        **options: Any,
     ) -> None:
         """Load the environment; the first ``reset`` creates simulator and renderer.
 
         Args:
             scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
             render_mode: with "rgb_array", ``render`` returns the robot's view.
+            seed: of the first ``reset``, where that is given none; None = another one every time.
             **options: fields of :class:`~anm_mj.environments.environment_config.EnvironmentConfig`.
 
         Raises:
@@ -43,7 +49,8 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise TaskError(f'There is no render mode "{render_mode}"; choose "rgb_array" or None.')
         self.render_mode = render_mode
-        self._environment = load_environment(scene, "explore", **options)
+        self._first_seed = seed
+        self._environment = load_environment(scene, "explore", seed=0 if seed is None else seed, **options)
         self.observation_space = spaces.Dict(
             {
                 name: spaces.Box(
@@ -75,6 +82,8 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
             SceneError: if the scene cannot be built, or the robot does not fit at the start.
             RenderError: if no GL back-end works.
         """
+        if seed is None and not self._seeded:
+            seed = self._first_seed
         super().reset(seed=seed)
         options = options or {}
         unknown = sorted(set(options) - {"start"})

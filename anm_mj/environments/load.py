@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from dm_control.rl import control
 from dm_env import specs
 
@@ -64,8 +65,8 @@ def load_environment(
     """
     if task not in TASKS:
         raise TaskError(f'There is no task "{task}"; choose one of {", ".join(TASKS)}.')
-    if seed < 0:
-        raise TaskError(f"The seed is {seed}; give a whole number from 0 up.")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise TaskError(f"The seed is {seed!r}; give a whole number from 0 up.")
     config = explore_config(**options)
     names = [scene] if isinstance(scene, str | Path) else list(scene)
     if not names:

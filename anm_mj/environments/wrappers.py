@@ -64,8 +64,8 @@ class Directions(gymnasium.ObservationWrapper):
     """What the top-down map says in some directions, in place of the images: few numbers, quickly learnt.
 
     Observations are (3, n) float32 in [0, 1], column k in the direction k / n of a turn to the left of straight ahead:
-    the distance to the nearest obstacle, the distance to the nearest unknown cell, both over ``RANGE_M``, and the
-    share of the way to the obstacle that is unknown.
+    the distance to the nearest obstacle, the distance to the nearest unknown cell, and the length of unknown way before
+    the obstacle, all over ``RANGE_M``.
     """
 
     def __init__(self, env: gymnasium.Env, num_directions: int = 24) -> None:

@@ -33,7 +33,7 @@ def topdown_of(run: Run) -> ShownFigure:
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
     return topdown_figure(
         survey_of(run),
-        [frame.pose for frame in run.posed_frames],
+        run.known_poses,
         target_xy_m=np.array(targets[-1], dtype=np.float64) if targets else None,
         title=titled(run.folder, _metrics(run)),
         changes=read_changes(run.folder.changed_voxels),

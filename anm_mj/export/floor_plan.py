@@ -13,6 +13,7 @@ from anm_mj.io.plan_file import read_plan
 from anm_mj.io.read_run import Run
 from anm_mj.io.to_json import to_json
 from anm_mj.io.write import writing
+from anm_mj.replay.timeline import Timeline, known_pieces
 from anm_mj.types import FREE, OCCUPIED, Plan, TopDownMap, VoronoiGraph
 
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
@@ -66,8 +67,9 @@ def export_graphml(run: Run, out: Path) -> list[Path]:
 
 
 def export_geojson(run: Run, out: Path) -> list[Path]:
-    """``graph.geojson``: vertices, edges, regions of interest and the trajectory, in metres of the world. Raises
-    RunFolderError if the run has no graph, or the file cannot be written.
+    """``graph.geojson``: vertices, edges, regions of interest and the trajectory, a line for each piece between frames
+    whose pose was not known, in metres of the world. Raises RunFolderError if the run has no graph, or the file cannot
+    be written.
     """
     graph, survey = _graph_of(run), survey_of(run)
     features = [
@@ -82,9 +84,9 @@ def export_geojson(run: Run, out: Path) -> list[Path]:
         _feature("Point", region.centre_m, kind="region", num_members=region.num_members, score=region.score)
         for region in survey.regions
     ]
-    trajectory = np.array([frame.pose.xy_m for frame in run.posed_frames])
+    pieces = known_pieces(Timeline(run), len(run.frames) - 1)
     # A line has two ends.
-    features += [_feature("LineString", trajectory, kind="trajectory")] * (len(trajectory) > 1)
+    features += [_feature("LineString", piece, kind="trajectory") for piece in pieces if len(piece) > 1]
     return _written(out / "graph.geojson", features, coordinates_in="metres, world frame")
 
 

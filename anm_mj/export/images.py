@@ -24,20 +24,21 @@ _DEPTH_PIXELS = "first of each block"
 
 
 def export_nerfstudio(run: Run, out: Path) -> list[Path]:
-    """``nerfstudio/``: ``transforms.json``, ``images/``, ``depth/`` [mm] and ``points.ply``.
+    """``nerfstudio/``: ``transforms.json``, ``images/``, ``depth/`` [mm] and, where the run has a mesh, ``points.ply``.
 
     Camera axes are those of OpenGL (x right, y up, z backward), as nerfstudio has them. Raises RunFolderError if the
     run kept no images, or the files cannot be written.
     """
     folder = out / "nerfstudio"
+    points, colours = surface_points(run)
     camera = _with_images(run, folder / "images")
     with writing(folder):
         (folder / "depth").mkdir(parents=True, exist_ok=True)
         for frame in run.posed_frames:
             depth = run.folder.depth(frame.step)
             (folder / "depth" / depth.name).write_bytes(run.picture_bytes(depth))
-        points, colours = surface_points(run)
-        trimesh.PointCloud(points, colours).export(folder / "points.ply")
+        if len(points):
+            trimesh.PointCloud(points, colours).export(folder / "points.ply")
     frames = [
         {
             "file_path": f"images/{run.folder.image(frame.step).name}",
@@ -50,20 +51,22 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
     facts |= {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
     facts |= dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
     facts |= {"depth_unit_scale_factor": 0.001, "depth_pixels": _DEPTH_PIXELS}
-    write_json(folder / "transforms.json", {**facts, "ply_file_path": "points.ply", "frames": frames})
+    if len(points):
+        facts["ply_file_path"] = "points.ply"
+    write_json(folder / "transforms.json", {**facts, "frames": frames})
     return [folder]
 
 
 def export_colmap(run: Run, out: Path) -> list[Path]:
     """``colmap/``: ``images/`` and ``sparse/0/`` with ``cameras.txt``, ``images.txt`` and ``points3D.txt``.
 
-    Poses map the world to the camera (x right, y down, z forward); the points are vertices of the mesh, without tracks.
-    Raises RunFolderError if the run kept no images, or the files cannot be written.
+    Poses map the world to the camera (x right, y down, z forward); the points are vertices of the mesh, without tracks;
+    none where the run has no mesh. Raises RunFolderError if the run kept no images, or the files cannot be written.
     """
     folder = out / "colmap"
+    points, colours = surface_points(run)
     camera = _with_images(run, folder / "images")
     model = folder / "sparse" / "0"
-    points, colours = surface_points(run)
     with writing(model):
         model.mkdir(parents=True, exist_ok=True)
         numbers = f"{camera.width} {camera.height} {camera.fx!r} {camera.fy!r} {camera.cx!r} {camera.cy!r}"

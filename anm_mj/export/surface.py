@@ -25,9 +25,11 @@ def run_mesh(run: Run) -> trimesh.Trimesh:
 
 
 def surface_points(run: Run, most: int = 100_000) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"]]:
-    """At most so many vertices of the mesh, spread evenly over their list, with their colours. Raises RunFolderError if
-    the run has no mesh, or it is damaged.
+    """At most so many vertices of the mesh, spread evenly over their list, with their colours; none where the run has
+    no mesh. Raises RunFolderError if it is damaged.
     """
+    if not run.folder.mesh.is_file():
+        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     mesh = run_mesh(run)
     chosen = np.linspace(0, len(mesh.vertices) - 1, min(most, len(mesh.vertices))).astype(np.int64)
     colours = np.asarray(mesh.visual.vertex_colors)  # type: ignore[union-attr]

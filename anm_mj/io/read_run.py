@@ -58,6 +58,11 @@ class Run:
         """Those whose pose the robot knew: that of a lost one may even be of another world."""
         return tuple(frame for frame in self.frames if not frame.is_lost)
 
+    @property
+    def known_poses(self) -> list[Pose2 | None]:
+        """Where the robot believed that it was in each frame; None where it was lost."""
+        return [None if frame.is_lost else frame.pose for frame in self.frames]
+
     def depth_mm(self, frame: FrameRecord) -> UInt16[np.ndarray, "rows cols"]:
         """Reduced depth of a frame [mm]. Raises RunFolderError if the image is missing, damaged, or of another size
         than ``camera.json`` says.

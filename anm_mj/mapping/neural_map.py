@@ -118,8 +118,9 @@ class NeuralMap:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 
         With an ``effort``, every frame but the first is trained on with that. Raises MapError if the loss was not
-        finite for several frames in a row, or the grid becomes too large.
+        finite for several frames in a row, the grid becomes too large, or the images are not those of one camera.
         """
+        _require_images(observation)
         observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
         by_depth = self.occupancy.by_depth
@@ -277,3 +278,15 @@ class NeuralMap:
         self.occupancy = Occupancy(self.config)
         self._prior = None
         self._start_readers()
+
+
+def _require_images(observation: Observation) -> None:
+    """Raises MapError for images of another type or size than an observation has: no kernel looks at that."""
+    size = observation.intrinsics.height, observation.intrinsics.width
+    for name, kind, shape in (("rgb", np.uint8, (*size, 3)), ("depth_m", np.float32, size)):
+        image = getattr(observation, name)
+        if image.dtype != kind or image.shape != shape:
+            raise MapError(
+                f"{name} of observation {observation.step} is {image.dtype} of shape {image.shape}; for these "
+                f"intrinsics give {np.dtype(kind)} of shape {shape}."
+            )

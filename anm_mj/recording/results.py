@@ -22,7 +22,7 @@ from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import write_plan
-from anm_mj.io.read_run import read_json, read_run, titled
+from anm_mj.io.read_run import Run, read_json, read_run, titled
 from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
@@ -105,10 +105,10 @@ def write_results(
     # Map and mesh took memory too, since the summary was first written.
     summary = replace(summary, peak_rss_mib=peak_rss_mib())
     recorder.flush()
-    recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
+    run = read_run(folder.path)
+    recorder.background.submit(lambda: _draw(recorder, run, survey, changes or ()))
     mesh = trajectory = None
     if truth is not None:
-        run = read_run(folder.path)
         mesh = quality_of_mesh(run, truth, curve)
         trajectory = trajectory_metrics(run, truth, curve)
         if trajectory is not None:
@@ -122,7 +122,7 @@ def write_results(
     return metrics
 
 
-def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange]) -> None:
+def _draw(recorder: RunRecorder, run: Run, survey: Plan, changes: Sequence[SurfaceChange]) -> None:
     # No run waits for matplotlib before its first step.
     from anm_mj.viz.figure_file import save_figure
     from anm_mj.viz.plots import topdown_figure
@@ -133,7 +133,7 @@ def _draw(recorder: RunRecorder, survey: Plan, changes: Sequence[SurfaceChange])
     with writing(folder.topdown_picture):
         figure = topdown_figure(
             survey,
-            recorder.log.poses,
+            run.known_poses,
             target_xy_m=recorder.log.last_target_xy_m,
             title=titled(folder, pictured(recorder.curve, recorder.statistics)),
             changes=changes,

@@ -1,14 +1,10 @@
 """A film of a finished run: colour with the target, depth, map with graph and path, growing surface."""
 
-import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-import imageio_ffmpeg
 import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw
@@ -16,6 +12,7 @@ from PIL import Image, ImageDraw
 from anm_mj.errors import AnmError
 from anm_mj.io.write import writing
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, depth_panel, empty_panel, font
+from anm_mj.replay.film_file import write_gif, write_mp4
 from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
 from anm_mj.replay.pictures import pictures
 from anm_mj.replay.surface import GrowingMesh, growing_mesh
@@ -30,7 +27,8 @@ WIDTH_PX = 2 * PANEL_PX + 3 * GAP_PX
 HEIGHT_PX = HEAD_PX + 2 * PANEL_PX + GAP_PX + FOOT_PX
 MAX_FACES = 400_000
 COVERAGE_OF = {"observable": "of the observable surface", "completion": "of the surface"}
-GIF_WIDTH_PX, GIF_FPS = 640, 10
+MAX_FPS = {".mp4": 120.0, ".gif": 50.0}
+"""By the file's ending; browsers show a GIF of more slower than it says."""
 LEGEND = (
     ("free", palette.NEAR),
     ("occupied", palette.WALL),
@@ -66,32 +64,19 @@ def write_film(
         FilmError: The file's ending is another, or a number is out of range.
         RunFolderError: A file of the run is damaged, or the film cannot be written.
     """
-    if path.suffix not in (".mp4", ".gif"):
+    if path.suffix not in MAX_FPS:
         raise FilmError(f"{path} ends in '{path.suffix}'; a film is an .mp4 or a .gif file.")
-    if not 0.1 <= fps <= 120.0:
-        raise FilmError(f"The film would have {fps:g} frames per second; choose 0.1 to 120.")
+    most = MAX_FPS[path.suffix]
+    if not 0.1 <= fps <= most:
+        raise FilmError(f"The film would have {fps:g} frames per second; choose 0.1 to {most:g} for {path.suffix}.")
     if every < 1:
         raise FilmError(f"Every {every}th frame cannot be shown; give a whole number from 1 up.")
     images = film_frames(timeline, every=every, scene=scene, on_progress=on_progress)
+    write = write_gif if path.suffix == ".gif" else write_mp4
     with writing(path), atomic_write(path) as partial:
-        # Of a film without a picture, ffmpeg itself would complain.
-        first = next(images)
-        # ffmpeg reads the format from the ending.
-        named = partial.with_name(partial.name + path.suffix)
-        try:
-            # What the system says of a place that cannot be written to is clearer than what ffmpeg says.
-            named.touch()
-            # ffmpeg takes fractions of a frame per second; only the annotation of its wrapper does not.
-            options: dict[str, Any] = {"fps": fps, **_coding(path.suffix, fps)}
-            out = imageio_ffmpeg.write_frames(str(named), (WIDTH_PX, HEIGHT_PX), **options)
-            # Closed before the file is removed, because ffmpeg makes it as it ends.
-            with closing(out):
-                out.send(None)
-                for image in itertools.chain((first,), images):
-                    out.send(image)
-            named.replace(partial)
-        finally:
-            named.unlink(missing_ok=True)
+        # What the system says of a place that cannot be written to is clearer than what ffmpeg says.
+        partial.touch()
+        write(partial, images, WIDTH_PX, HEIGHT_PX, fps)
 
 
 def film_frames(
@@ -198,16 +183,3 @@ def _far_m(timeline: Timeline) -> float:
     some = [timeline.run.depth_mm(frame) for frame in timeline.run.frames[:: max(1, timeline.num_frames // 20)]]
     depths = np.concatenate([depth[depth > 0] for depth in some])
     return float(max(1, math.ceil(np.percentile(depths, 98.0) / 1000.0))) if len(depths) else 10.0
-
-
-def _coding(suffix: str, fps: float) -> dict[str, Any]:
-    if suffix == ".mp4":
-        options = ["-preset", "veryfast", "-crf", "23"]
-        return {"codec": "libx264", "quality": None, "macro_block_size": 2, "output_params": options}
-    chain = (
-        f"fps={min(fps, GIF_FPS):g},scale={GIF_WIDTH_PX}:-1:flags=lanczos,split[a][b]",
-        "[a]palettegen=max_colors=256:stats_mode=full[p]",
-        "[b][p]paletteuse=dither=none:diff_mode=rectangle",
-    )
-    options = ["-vf", ";".join(chain)]
-    return {"codec": "gif", "quality": None, "macro_block_size": 1, "pix_fmt_out": "pal8", "output_params": options}

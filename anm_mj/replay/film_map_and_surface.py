@@ -8,19 +8,13 @@ from PIL.ImageColor import getrgb
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, font
 from anm_mj.replay.oblique_view import ObliqueView, square_around
 from anm_mj.replay.surface import GrowingMesh
-from anm_mj.replay.timeline import Timeline, discs, leaf_ends, leaves
+from anm_mj.replay.timeline import Timeline, discs, known_pieces, leaf_ends, leaves
 from anm_mj.types import Plan, TopDownMap
 from anm_mj.viz import palette
 
 SUPERSAMPLING = 2
 """Lines are drawn at this multiple of the panel's size, and averaged."""
 SIDE_PX = PANEL_PX * SUPERSAMPLING
-
-
-def known_pieces(timeline: Timeline, index: int) -> list[Float[np.ndarray, "k 2"]]:
-    """The trajectory up to a frame without the frames at which the robot was lost: the pieces between them."""
-    known = np.flatnonzero(~timeline.is_lost[: index + 1])
-    return [timeline.xy_m[each] for each in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(each)]
 
 
 class MapPanel:

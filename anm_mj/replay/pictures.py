@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from anm_mj.errors import AnmError
-from anm_mj.evaluation.rerender import explored_scene, observations_of
+from anm_mj.evaluation.rerender import explored_scene, observe_at
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import Run
 
@@ -30,7 +30,9 @@ def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "
         return
     try:
         world = explored_scene(run, scene)
-        first = next(rendered := observations_of(run, world))
+        # The camera stood where the robot truly was, whatever it believed.
+        rendered = observe_at(world, [frame.true_pose for frame in run.frames], run.intrinsics.width, run)
+        first = next(rendered)
     except AnmError as err:
         _logger.warning("The run kept no colour images, and they cannot be rendered again: %s", err)
         yield from [None] * len(run.frames)

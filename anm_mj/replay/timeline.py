@@ -137,3 +137,9 @@ class Timeline:
             if known.any():
                 return name, np.interp(self.steps, curve["step"][known], curve[key][known], left=np.nan)
         return "completion", np.full(self.num_frames, np.nan)
+
+
+def known_pieces(timeline: Timeline, index: int) -> list[Float[np.ndarray, "k 2"]]:
+    """The trajectory up to a frame without the frames at which the robot was lost: the pieces between them."""
+    known = np.flatnonzero(~timeline.is_lost[: index + 1])
+    return [timeline.xy_m[each] for each in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(each)]

@@ -78,6 +78,7 @@ class LiveView:
         self._running.set()
         self._server.say("title", {"title": title})
         self._failed = False
+        self._unit = "steps"
         self._started: Started | None = None
         self._radius_m = DEFAULT_FOOTPRINT.radius_m
         self._trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
@@ -110,12 +111,13 @@ class LiveView:
             self.show(event.observation, event.mapper, event.plan)
             if self._started is not None:
                 is_step = isinstance(event, Stepped)
+                self._unit = "steps" if is_step else "frames"
                 step, row = (event.step, self._started.completed()) if is_step else (event.observation.step + 1, None)
                 self.progress(step, self._started.num_steps, row)
             self._wait_while_paused()
         elif isinstance(event, Ended):
             folder = "runs/latest" if self._started is None else shlex.quote(str(self._started.folder))
-            self._server.say("ended", {"ended": f"{_end(event)} Replay it: anm-mj view {folder}"})
+            self._server.say("ended", {"ended": f"{_end(event, self._unit)} Replay it: anm-mj view {folder}"})
         return self._stopped.is_set()
 
     def _on_word(self, word: str) -> None:
@@ -177,8 +179,8 @@ class LiveView:
         self._property("/Cameras/default/rotated/<object>", "position", [0.0, 9.0, 5.0])
         self._object("robot", shapes.robot_body(self._radius_m, float(camera[2, 3]), BODY))
         self._object("camera", shapes.camera_frustum(observation.intrinsics, FRUSTUM))
-        self._object("target", shapes.target_mark(TARGET))
-        self._property("/meshcat/target", "visible", False)
+        self._object("target/pin", shapes.target_mark(TARGET))
+        self._property("/meshcat/target/pin", "visible", False)
 
     def _show_robot(self, observation: Observation) -> None:
         self._transform("/meshcat/robot", pose_matrix(observation.pose))
@@ -196,7 +198,8 @@ class LiveView:
             self._object("regions", shapes.region_marks(plan.regions, REGIONS))
         self._object("path", shapes.ribbon(plan.path_xy_m, shapes.PATH_HEIGHT_M, shapes.PATH_WIDTH_M, PATH))
         target = plan.target_xy_m
-        self._property("/meshcat/target", "visible", target is not None)
+        # The property of the target itself is that of its check box in the page.
+        self._property("/meshcat/target/pin", "visible", target is not None)
         if target is not None:
             self._transform("/meshcat/target", trimesh.transformations.translation_matrix([*target, 0.0]))
 
@@ -244,10 +247,10 @@ def _user() -> str:
         return ""
 
 
-def _end(event: Ended) -> str:
-    """How a run ended; a budget that is used up is the usual end."""
+def _end(event: Ended, unit: str) -> str:
+    """How a run of steps or frames ended; a budget that is used up is the usual end."""
     word = {StopReason.BUDGET: "Done", StopReason.COMPLETE: "Complete"}.get(event.stop_reason)
-    after = f"after {event.num_steps} steps"
+    after = f"after {event.num_steps} {unit}"
     return f"{word} {after}." if word else f"Ended {after}: {event.stop_reason}."
 
 

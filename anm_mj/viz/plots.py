@@ -38,14 +38,15 @@ STEP_COLOURS = LinearSegmentedColormap.from_list("steps", matplotlib.colormaps["
 
 def topdown_figure(
     plan: Plan,
-    poses: Sequence[Pose2],
+    poses: Sequence[Pose2 | None],
     *,
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
     changes: Sequence[SurfaceChange] = (),
 ) -> ShownFigure:
     """The top-down map of a plan that has one, with its Voronoi graph, its regions of interest and the trajectory.
-    There is one pose per step; ``changes`` are surface that is gone or new since a prior run.
+    There is one pose per step, None where it was not known: the trajectory has a gap there. ``changes`` are surface
+    that is gone or new since a prior run.
     """
     topdown, graph = plan.topdown, plan.graph
     assert topdown is not None
@@ -209,19 +210,24 @@ def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | N
     axes.scatter(*centres.T, s=area, label="region of interest", zorder=4, **look)
 
 
-def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None:
-    if not poses:
+def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2 | None]) -> None:
+    known = [pose for pose in poses if pose is not None]
+    if not known:
         return
-    xy_m = np.array([pose.xy_m for pose in poses])
+    xy_m = np.array([(np.nan, np.nan) if pose is None else pose.xy_m for pose in poses])
     segments = np.stack([xy_m[:-1], xy_m[1:]], axis=1)
-    moved = np.flatnonzero(np.any(segments[:, 0] != segments[:, 1], axis=1))
+    # No distance to or from a pose that was not known is above 0.
+    moved = np.flatnonzero(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > 0.0)
     drawn = LineCollection(list(segments[moved]), cmap=STEP_COLOURS, linewidths=2.0, capstyle="round", zorder=3)
     drawn.set_array(moved.astype(float))
     drawn.set_clim(0.0, float(max(1, len(poses) - 1)))
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label="trajectory: step", shrink=0.7, pad=0.01)
-    if len(xy_m) > 1:
-        c, s = np.cos(poses[-1].yaw_rad), np.sin(poses[-1].yaw_rad)
+    first, last = known[0], known[-1]
+    if len(known) > 1:
+        c, s = np.cos(last.yaw_rad), np.sin(last.yaw_rad)
         arrow = ARROW @ np.array([[c, s], [-s, c]])
-        axes.plot(*xy_m[-1], marker=arrow, ms=15, ls="", color=palette.END, mec="white", mew=1.0, label="end", zorder=5)
-    axes.plot(*xy_m[0], "o", ms=8, color=palette.START, mec="white", mew=1.0, label="start", zorder=5)
+        axes.plot(
+            *last.xy_m, marker=arrow, ms=15, ls="", color=palette.END, mec="white", mew=1.0, label="end", zorder=5
+        )
+    axes.plot(*first.xy_m, "o", ms=8, color=palette.START, mec="white", mew=1.0, label="start", zorder=5)

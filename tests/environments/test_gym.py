@@ -1,6 +1,7 @@
 """Exploration behind the Gymnasium interface, alone and many at once."""
 
 import copy
+import inspect
 import os
 import pickle
 import subprocess
@@ -16,6 +17,7 @@ from gymnasium.utils.env_checker import check_env
 import anm_mj
 import anm_mj.environments
 from anm_mj.environments.gym import ExploreEnv
+from anm_mj.environments.load import load_environment
 from anm_mj.environments.wrappers import KeepDistance
 from anm_mj.errors import RenderError, TaskError
 from anm_mj.scene.folder import load_scene
@@ -86,6 +88,31 @@ def test_truncation_and_termination(env):
 def test_the_picture_is_what_the_robot_sees(env):
     observation, _ = env.reset(seed=1)
     np.testing.assert_array_equal(env.render(), observation["rgb"])
+
+
+def test_a_seed_of_the_environment_is_that_of_its_first_reset():
+    poses = []
+    for given, at_reset in ((3, None), (3, None), (None, 3), (4, 3), (4, None)):
+        env = gymnasium.make(_ID, **_OPTIONS, **({} if given is None else {"seed": given}))
+        # The second episode goes on with the sequence.
+        poses.append([env.reset(seed=at_reset)[1]["pose"], env.reset()[1]["pose"]])
+        env.close()
+    other = anm_mj.load_environment("home", seed=3, image_px=32, num_steps=6)
+    other.reset()
+    pose = other.task.true.pose
+    other.close()
+    np.testing.assert_array_equal(poses[0][0], [pose.x_m, pose.y_m, pose.yaw_rad])
+    for same in poses[1:4]:
+        np.testing.assert_array_equal(same, poses[0])
+    assert (np.array(poses[4]) != poses[0]).any()
+    assert (poses[0][0] != poses[0][1]).any()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, True, "3"])
+def test_a_seed_that_is_none_is_refused(seed):
+    # Called past the tests' own check of types, which users have not.
+    with pytest.raises(TaskError, match="give a whole number from 0 up"):
+        inspect.unwrap(load_environment)("home", seed=seed)
 
 
 def test_collision_in_info():

@@ -47,6 +47,15 @@ def test_directions_are_those_of_the_map():
     assert env.observation_space.contains(env.reset()[0])
 
 
+def test_unknown_way_is_measured_over_the_range_and_not_over_the_way():
+    corridor = Corridor()
+    corridor.topdown[:76] = OCCUPIED  # a wall 1 m ahead
+    corridor.topdown[76:86] = UNKNOWN  # the half metre before it was not observed
+    env = Directions(corridor, num_directions=4)
+    np.testing.assert_allclose(env.reset()[0][:, 0] * RANGE_M, [1.0, 0.5, 0.5], atol=0.06)
+    assert "length of unknown way" in str(Directions.__doc__)
+
+
 def test_a_missing_map_and_no_execution_are_refused():
     images = Corridor()
     images.observation_space = spaces.Dict({"rgb": spaces.Box(0, 255, (4, 4, 3), np.uint8)})

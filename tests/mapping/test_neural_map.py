@@ -7,7 +7,7 @@ import pytest
 from anm_mj.errors import MapError
 from anm_mj.mapping import field
 from anm_mj.mapping.field import MAX_FAILURES
-from anm_mj.mapping.mapping_config import FieldConfig
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS, FieldConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, Observation, Pose2, TrainingEffort
 from tests.mapping.ray_room import Room, camera_pose
@@ -397,3 +397,23 @@ def test_lost_pixels_look_through_up_to_the_range_that_images_have_shown(tiny_co
         learnt = NeuralMap(tiny_config, seed=0, device="cpu")
         learnt.integrate(replace(seen, shown_range_m=shown_m))
         assert learnt.occupancy.by_depth.state_at(np.array([[4.0, 0.0, 1.0]]))[0] == state
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "said"),
+    [
+        ("rgb", np.zeros((4, 5, 3)), "rgb of observation 7 is float64 of shape .4, 5, 3.;.* give uint8"),
+        ("rgb", np.zeros((8, 10, 3), np.uint8), r"shape .8, 10, 3.;.* of shape .4, 5, 3."),
+        ("rgb", np.zeros((4, 5), np.uint8), r"shape .4, 5.;"),
+        ("depth_m", np.ones((4, 5)), "depth_m of observation 7 is float64 .* give float32"),
+        ("depth_m", np.ones((5, 4), np.float32), "depth_m .* of shape .5, 4.;"),
+    ],
+)
+def test_images_of_another_type_or_size_are_refused(name, image, said):
+    camera = Intrinsics.from_fov(5, 4, math.radians(90.0))
+    rgb, depth_m = np.zeros((4, 5, 3), np.uint8), np.ones((4, 5), np.float32)
+    observation = Observation(7, 0.0, rgb, depth_m, camera, np.eye(4), Pose2(0.0, 0.0, 0.0))
+    # The tests' own check of types would not let it be made with them.
+    object.__setattr__(observation, name, image)
+    with pytest.raises(MapError, match=said):
+        NeuralMap(MAPPING_PRESETS["quick"](), seed=0, device="cpu").integrate(observation)

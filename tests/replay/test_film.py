@@ -4,17 +4,19 @@ from dataclasses import replace
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageSequence
 from PIL.ImageColor import getrgb
 
 from anm_mj.cli.main import main
 from anm_mj.io.read_run import read_run
-from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, _cut, film_frames
+from anm_mj.replay.film import HEIGHT_PX, WIDTH_PX, _cut, film_frames
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, colour_panel, font
+from anm_mj.replay.film_file import GIF_WIDTH_PX, write_gif, write_mp4
 from anm_mj.replay.film_map_and_surface import MapPanel, SurfacePanel
 from anm_mj.replay.surface import growing_mesh
 from anm_mj.replay.timeline import Timeline, read_timeline
 from anm_mj.types import Pose2
+from anm_mj.utils.files import atomic_write
 from anm_mj.viz import palette
 from tests.box_room import room_plan
 
@@ -36,13 +38,52 @@ def test_a_film_has_the_frames_of_the_run(run_folder, tmp_path):
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 3.0
 
 
-def test_a_gif_is_small_and_moves(run_folder, tmp_path):
+@pytest.mark.parametrize("fps", [4, 50])
+def test_a_gif_is_small_and_shows_every_frame(run_folder, tmp_path, fps):
     path = tmp_path / "film.gif"
-    assert main(["export", str(run_folder), "--video", str(path), "--every", "10"]) == 0
+    assert main(["export", str(run_folder), "--video", str(path), "--every", "9", "--fps", str(fps)]) == 0
+    drawn = [Image.fromarray(frame) for frame in film_frames(read_timeline(run_folder), every=9)]
     with Image.open(path) as film:
         assert film.size[0] == GIF_WIDTH_PX
-        assert getattr(film, "n_frames", 1) >= 3
-        assert path.stat().st_size < 400_000
+        shown = list(ImageSequence.all_frames(film, lambda each: each.convert("RGB")))
+        duration_ms = film.info["duration"]
+    assert path.stat().st_size < 400_000
+    assert list(tmp_path.iterdir()) == [path]
+    # Steps 0, 9, ..., 36, and the last.
+    assert len(shown) == len(drawn) == 6
+    assert duration_ms == 1000 / fps
+    for index, one in enumerate(shown):
+        apart = [np.abs(np.asarray(each.resize(one.size)).astype(int) - np.asarray(one)).mean() for each in drawn]
+        assert np.argmin(apart) == index
+        assert apart[index] < 3.0
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "gif"])
+@pytest.mark.parametrize("script", ['ulimit -f 4; exec {} "$@"', "exit 1", "exit 0", "echo no such codec >&2; exit 8"])
+def test_a_film_that_ffmpeg_fails_to_write_replaces_none(run_folder, tmp_path, monkeypatch, capsys, suffix, script):
+    path, ffmpeg = tmp_path / "films" / f"film.{suffix}", tmp_path / "ffmpeg"
+    path.parent.mkdir()
+    path.write_bytes(b"an earlier film")
+    ffmpeg.write_text("#!/bin/sh\n" + script.format(imageio_ffmpeg.get_ffmpeg_exe()) + "\n")
+    ffmpeg.chmod(0o755)
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: str(ffmpeg))
+    assert main(["export", str(run_folder), "--video", str(path), "--every", "8"]) == 2
+    (said,) = [" ".join(part.split()) for part in capsys.readouterr().err.split("anm-mj: ")[1:]]
+    assert said.startswith(f"{path} cannot be written (")
+    assert ("no such codec" if "codec" in script else "ffmpeg ended with status") in said
+    assert list(path.parent.iterdir()) == [path]
+    assert path.read_bytes() == b"an earlier film"
+
+
+@pytest.mark.parametrize("write", [write_mp4, write_gif])
+def test_a_film_that_is_interrupted_leaves_nothing(tmp_path, write):
+    def images():
+        yield np.zeros((64, 64, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), atomic_write(tmp_path / "film") as partial:
+        write(partial, images(), 64, 64, 5.0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_surface_grows_in_the_film(run_folder):
@@ -94,6 +135,7 @@ def test_a_run_without_mesh_and_images_makes_a_film(run_folder, tmp_path):
         (["--video", "film.avi"], "an .mp4 or a .gif file"),
         (["--video", "nowhere/film.gif"], "nowhere/film.gif cannot be written (No such file or directory); choose"),
         (["--video", "film.mp4", "--fps", "0"], "choose 0.1 to 120"),
+        (["--video", "film.gif", "--fps", "60"], "choose 0.1 to 50"),
         (["--video", "film.mp4", "--every", "0"], "from 1 up"),
         ([], "Nothing to export"),
         (["--format", "glb", "--fps", "5"], "--fps is 5.0, but no film is written; add --video film.mp4"),
@@ -101,6 +143,8 @@ def test_a_run_without_mesh_and_images_makes_a_film(run_folder, tmp_path):
         (["--format", "glb", "--scene", "home"], "--scene is home, but no film is written"),
         (["--video", "x.gif", "--out", "out"], "--out is out, but no other format is written; add --format NAME"),
         (["--video", "x.gif", "--start", "0"], "--start is 0.0, but no other format is written"),
+        (["--video", "x.gif", "--scene", "home"], "--scene is home, but the film shows the images that were kept"),
+        (["--format", "glb", "--out", "out", "--start", "0"], "--start is 0.0, but no chosen format has times of day"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(run_folder, tmp_path, monkeypatch, capsys, options, words):

@@ -102,6 +102,14 @@ def test_a_page_in_a_file_is_not_served(run_folder, tmp_path, capsys, option, sa
     assert f"{option[0]} is {said}, but the page becomes a file; leave out" in capsys.readouterr().err
 
 
+def test_a_scene_is_refused_where_all_images_were_kept(run_folder, tmp_path, capsys):
+    words = ["--export-html", str(tmp_path / "x.html"), "--scene", "home"]
+    for runs in ([str(run_folder)], [str(run_folder)] * 2):
+        assert main(["view", *runs, *words]) == 2
+        assert "--scene is home, but the images that were kept are shown" in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("true_m", [None, np.full(101, 0.05, np.float32)])
 def test_errors_have_a_unit_and_one_scale(true_m):
     mesh = GrowingMesh(

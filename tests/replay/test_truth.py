@@ -10,8 +10,8 @@ from PIL.ImageColor import getrgb
 from anm_mj.io.read_run import Run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.replay.film_map_and_surface import MapPanel, known_pieces
-from anm_mj.replay.timeline import Timeline
+from anm_mj.replay.film_map_and_surface import MapPanel
+from anm_mj.replay.timeline import Timeline, known_pieces
 from anm_mj.types import Intrinsics, Pose2
 from anm_mj.viz import palette
 

@@ -132,13 +132,21 @@ def test_no_mesh_without_a_browser(viewer):
 
 def test_late_browser(viewer):
     show(viewer, 60)
-    names = ("robot", "camera", "graph", "regions", "path", "target", "trajectory/0", "trajectory/1")
+    names = ("robot", "camera", "graph", "regions", "path", "target/pin", "trajectory/0", "trajectory/1")
     wanted = {(f"/meshcat/{name}", "set_object") for name in names}
     wanted |= {("/meshcat/robot", "set_transform"), ("/meshcat/target", "set_transform")}
     told = watch(viewer, lambda told: wanted <= told.keys())
     # Column-major, as three.js has it: the translation stands last.
     assert told["/meshcat/robot", "set_transform"]["matrix"][12:15] == pytest.approx([0.59, 0.0, 0.0])
     assert told["/meshcat/target", "set_transform"]["matrix"][12:15] == pytest.approx([1.5, 1.0, 0.0])
+
+
+def test_the_check_box_of_the_target_stays_the_users(viewer):
+    """What says whether there is a target is a property of the pin in it."""
+    show(viewer, 2)
+    told = watch(viewer, lambda told: ("/meshcat/target/pin", "visible") in told and len(told) > 8)
+    assert told["/meshcat/target/pin", "visible"]["value"] is True
+    assert [path for path, name in told if name == "visible"] == ["/meshcat/target/pin"]
 
 
 def test_mesh_rate(viewer):
@@ -399,6 +407,15 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         browser.wait("document.getElementById('picture').naturalWidth == 160")
         assert browser.evaluate("document.querySelectorAll('#layers label').length") == 8
         assert browser.evaluate("document.getElementById('ended').hidden")
+        # A check box that was cleared stays so, whatever is planned; the pin is shown again with the box.
+        target = "live.viewer.scene_tree.find(['meshcat', 'target']).object.visible"
+        browser.evaluate("[...document.querySelectorAll('#layers label')].find(e => e.textContent == 'target').click()")
+        show(viewer, 1, first=30)
+        viewer.progress(30, 500, None)
+        browser.wait("document.getElementById('step').textContent.startsWith('30')")
+        assert not browser.evaluate(target)
+        browser.evaluate("[...document.querySelectorAll('#layers label')].find(e => e.textContent == 'target').click()")
+        assert browser.evaluate(target)
         with Image.open(browser.picture(tmp_path / "live.png")) as picture:
             shown = np.asarray(picture.convert("RGB")).astype(int)[150:700, 320:1050]
         assert not browser.evaluate("document.getElementById('curve').hidden")
@@ -427,7 +444,7 @@ def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
         assert browser.evaluate(text("ended")) == "Complete after 30 steps. Replay it: anm-mj view runs/latest"
         browser.keep("live_ended")
         assert browser.evaluate("getComputedStyle(document.getElementById('ended')).color") == CALM
-        assert browser.evaluate(text("step")) == "29 of at most 500"
+        assert browser.evaluate(text("step")) == "30 of at most 500"
         assert browser.problems == []
 
 

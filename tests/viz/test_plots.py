@@ -6,15 +6,18 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 from PIL.ImageColor import getrgb
 
-from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, TopDownMap
-from anm_mj.viz import palette
+from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
+from anm_mj.recording.results import write_results
+from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, StopReason, TopDownMap
+from anm_mj.viz import palette, plots
 from anm_mj.viz.figure_file import KINDS, plain, save_figure
 from anm_mj.viz.plots import curve_figure, topdown_figure
-from tests.box_room import room_plan
+from tests.box_room import FakeMap, ended, new_recorder, observe, room_plan
 
 
 def draw(path, **changes):
@@ -56,10 +59,47 @@ CURVE = ("step", "completion_ratio", "observable_ratio", "completion_cm")
 
 @pytest.mark.parametrize(
     "missing",
-    [{"graph": None}, {"regions": ()}, {"poses": []}, {"poses": [Pose2(0.0, 0.0, 0.0)]}, {"target_xy_m": None}],
+    [
+        {"graph": None},
+        {"regions": ()},
+        {"poses": []},
+        {"poses": [Pose2(0.0, 0.0, 0.0)]},
+        {"poses": [None, None]},
+        {"target_xy_m": None},
+    ],
 )
 def test_topdown_without_graph_and_poses(tmp_path, missing):
     assert draw(tmp_path / "a.png", **missing).shape[0] > 500
+
+
+def test_no_line_leads_to_where_the_robot_was_found_again(tmp_path):
+    known = [Pose2(-1.5 + 0.1 * k, -0.5, 0.0) for k in range(6)], [Pose2(1.0 + 0.1 * k, -0.5, 0.0) for k in range(6)]
+    plan = replace(room_plan(), graph=None, regions=())
+    figure = topdown_figure(plan, [None, *known[0], None, *known[1], None], target_xy_m=None, title="box")
+    (line,) = [each for each in figure.axes[0].collections if isinstance(each, LineCollection)]
+    ends = np.array(line.get_segments())
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() < 0.11
+    steps = line.get_array()
+    assert steps is not None
+    assert steps.tolist() == [*range(1, 6), *range(8, 13)]
+    assert line.get_clim() == (0.0, 14.0)
+    at = {str(each.get_label()): np.ravel(each.get_xydata()).tolist() for each in figure.axes[0].get_lines()}
+    assert (at["start"], at["end"]) == ([-1.5, -0.5], [1.5, -0.5])
+
+
+def test_the_picture_of_a_run_knows_where_the_robot_was_lost(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        plots, "topdown_figure", lambda plan, poses, **said: drawn.extend(poses) or topdown_figure(plan, poses, **said)
+    )
+    with new_recorder(tmp_path / "run") as recorder:
+        for step in range(6):
+            seen = observe(step, Pose2(0.1 * step, 0.0, 0.0))
+            state = TrackingState.LOST if step in (2, 3) else TrackingState.TRACKING
+            quality = RegistrationQuality(1.0, 1.0, 6)
+            recorder.observation(seen, PoseEstimate(seen, 1e-4 * np.eye(6), quality, state, usable=True))
+        write_results(recorder, ended(StopReason.BUDGET, 1.0), FakeMap(), room_plan(), wall_s=1.0)
+    assert [None if pose is None else round(pose.x_m, 1) for pose in drawn] == [0.0, 0.1, None, None, 0.4, 0.5]
 
 
 @pytest.mark.parametrize("num_rows", [0, 1, 40])

@@ -137,7 +137,12 @@ def default_settings(name: str) -> Any:
 
 
 def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
-    """A policy by its name. Raises PlanError if there is no such policy, or its class cannot be made from a context."""
+    """A policy by its name. Raises PlanError if there is no such policy or goal, or its class cannot be made from a
+    context.
+    """
+    goal = context.goal
+    if goal not in GOALS:
+        raise PlanError(f"There is no goal '{goal}'{close_name(str(goal), GOALS)}; choose one of {', '.join(GOALS)}.")
     made = policy_class(name)
     try:
         return made(context)

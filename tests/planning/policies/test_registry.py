@@ -125,3 +125,8 @@ def test_what_ends_the_program_is_a_reason_too(tmp_path, monkeypatch, text, said
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(PlanError, match=said):
         make_policy(f"{module}:P", PolicyContext(BODY, default_settings(f"{module}:P")))
+
+
+def test_a_goal_that_there_is_not_is_refused():
+    with pytest.raises(PlanError, match=r"no goal 'coverag' \(did you mean coverage\?\); choose one of coverage"):
+        anm_mj.make_policy("gvg", footprint=BODY, goal="coverag")

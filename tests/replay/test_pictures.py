@@ -1,0 +1,26 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from anm_mj.evaluation.rerender import observe_at
+from anm_mj.io.read_run import Run
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.replay.pictures import pictures
+from anm_mj.scene.folder import load_scene
+from anm_mj.types import Intrinsics
+
+
+def test_images_that_were_not_kept_show_what_the_camera_truly_saw(tmp_path):
+    scene, camera = load_scene("room"), Intrinsics.from_fov(64, 64, 1.2)
+    true = [replace(scene.starts[0], yaw_rad=scene.starts[0].yaw_rad + turned) for turned in (0.0, 0.5)]
+    frames = tuple(
+        FrameRecord(step, 0.1 * step, replace(pose, yaw_rad=pose.yaw_rad + math.pi), np.eye(4), pose, np.eye(4))
+        for step, pose in enumerate(true)
+    )
+    facts = {"scene": "room", "scene_hash": scene.hash}
+    shown = list(pictures(Run(RunFolder(tmp_path), camera, (64, 64), frames, (), (), facts, {})))
+    for image, seen in zip(shown, observe_at(scene, true, 64), strict=True):
+        assert image is not None
+        np.testing.assert_array_equal(image, seen.rgb)
