@@ -182,10 +182,12 @@ def make_config(
     return _with(config, values)
 
 
-def _option(owner: type, field: str, value: Any, name: str = "") -> Any:
+def _option(owner: Any, field: str, value: Any, name: str = "") -> Any:
     """An option as the type of the field that holds it; paths, numbers and arrays of NumPy, too. ``name`` is what it is
-    called, if not as the field. Raises ConfigError if it is of another type, or not finite.
+    called, if not as the field. Raises ConfigError if there is no such field, or it is of another type or not finite.
     """
+    if field not in {entry.name for entry in fields(owner)}:
+        raise ConfigError(f"{field} is {value!r}, but there is no such option.")
     plain = os.fspath(value) if isinstance(value, os.PathLike) else value
     try:
         found = of_type(owner, field, plain.tolist() if hasattr(plain, "tolist") else plain)

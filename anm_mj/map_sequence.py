@@ -9,6 +9,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Collection
+from contextlib import closing
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,9 @@ def map_sequence(
     folder = mapping.new_folder(out, corrections) if resume is None else RunFolder.open(resume)
     with held(folder.path):
         mapping.begin(folder, resumes=resume is not None)
-        _map(mapping, sequence, reference, verdict, observers)
+        # Nothing is written any more once the folder is let go.
+        with closing(mapping.checkpointer):
+            _map(mapping, sequence, reference, verdict, observers)
     return folder
 
 
@@ -121,9 +124,6 @@ def _map(
             interrupted = mapping.map_frame(observation, tell)
             between = True
             checkpointer.after_step(state.next_frame, mapping.wall_s)
-        if state.last is not None:
-            reason = StopReason.INTERRUPTED if interrupted else StopReason.BUDGET
-            tell(Ended(reason, len(state.records), sum(state.watch.ms.values()) / 1e3, state.last))
     except Exception as err:
         # What was mapped before is worth more than nothing.
         failure = err
@@ -140,6 +140,9 @@ def _map(
         mapping.write(reached, verdict, reference, ended=ended)
         if ended:
             checkpointer.finish(state.next_frame, resumable=False)
+        if failure is None and state.last is not None:
+            reason = StopReason.INTERRUPTED if interrupted else StopReason.BUDGET
+            tell(Ended(reason, len(state.records), sum(state.watch.ms.values()) / 1e3, state.last))
     except Exception:
         if failure is None:
             raise

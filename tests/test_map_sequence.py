@@ -13,7 +13,7 @@ from anm_mj.api import load_run
 from anm_mj.cli.main import main
 from anm_mj.config import make_config
 from anm_mj.errors import RunFolderError
-from anm_mj.events import Ended
+from anm_mj.events import Ended, On
 from anm_mj.io.folder_hold import held
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.own_sequence import SequenceWriter
@@ -99,6 +99,19 @@ def test_a_mapping_tells_its_end_and_the_page_how_to_replay_it(sequence, tmp_pat
     assert ended.loop_s > 0.0
     ((_, text),) = [entry for entry in page._server._state.items() if entry[0] == ("ended", "text")]
     assert json.loads(text)["ended"] == f"{said} Replay it: anm-mj view {folder.path}"
+
+
+def test_a_mapping_is_whole_before_it_tells_its_end(sequence, tmp_path):
+    def fail(event):
+        raise ValueError("my viewer")
+
+    config = make_config("quick", ["mapping.schedule.final_iterations=1"], scene=str(sequence))
+    frames, _ = open_sequence(sequence, SequenceOptions())
+    with pytest.raises(ValueError, match="my viewer"):
+        map_sequence(frames, config, FakeRobot.footprint, out=tmp_path / "out", observers=[On(Ended, fail)])
+    assert (tmp_path / "out" / "mesh.ply").is_file()
+    assert (tmp_path / "out" / "metrics.json").is_file()
+    assert not (tmp_path / "out" / "checkpoint").exists()
 
 
 def test_a_folder_without_truth_is_not_evaluated(mapped, capsys):

@@ -33,8 +33,8 @@ def write_gif(
     # The palette comes before the first picture: until it is known, the pictures wait on the disk, not in memory.
     with tempfile.TemporaryDirectory(prefix=f"{path.name}.", dir=path.parent) as folder:
         small, colours = Path(folder) / "small.nut", Path(folder) / "palette.png"
-        options = ("-vf", f"scale={GIF_WIDTH_PX}:-1:flags=lanczos", "-c:v", "libx264rgb", "-preset", "ultrafast")
-        count = _ffmpeg(small, *_raw(width_px, height_px, fps), *options, "-qp", "0", images=images)
+        options = ("-vf", f"scale={GIF_WIDTH_PX}:-1:flags=lanczos", "-c:v", "ffv1", "-pix_fmt", "bgr0")
+        count = _ffmpeg(small, *_raw(width_px, height_px, fps), *options, images=images)
         chain = f"framestep={-(-count // _PALETTE_PICTURES)},palettegen=max_colors=256:stats_mode=full"
         _ffmpeg(colours, "-i", f"file:{small}", "-vf", chain)
         given = (*_rate(fps), "-i", f"file:{small}", "-i", f"file:{colours}")

@@ -119,10 +119,15 @@ class PlanarBase:
         return Pose2(x, y, wrap_angle(yaw))
 
     def place(self, pose: Pose2) -> None:
-        """Put the base at a pose; its hinge turns the shortest way, as motions are told by differences of positions."""
-        yaw_rad = float(self._data.qpos[self._qpos[2]])
-        yaw_rad += wrap_angle(pose.yaw_rad - yaw_rad)
-        self._data.qpos[self._qpos] = (pose.x_m, pose.y_m, yaw_rad)
+        """Put the base at a pose."""
+        self._data.qpos[self._qpos] = (pose.x_m, pose.y_m, pose.yaw_rad)
+
+    def move_to(self, pose: Pose2) -> None:
+        """Put the base at a pose that it reaches by turning the shortest way: what it moved by is a difference of
+        positions.
+        """
+        turns = round((self._data.qpos[self._qpos[2]] - pose.yaw_rad) / math.tau)
+        self._data.qpos[self._qpos] = (pose.x_m, pose.y_m, pose.yaw_rad + math.tau * turns)
 
     @property
     def speed_mps(self) -> float:

@@ -68,19 +68,25 @@ def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
     )
 
 
+def _names(spec: mujoco.MjSpec) -> set[str]:
+    return {element.name for element in (*spec.bodies, *spec.geoms, *spec.sites, *spec.cameras)}
+
+
 def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:
-    """Remove the world around the robot, what is said of its contacts, sensors, lights, skies, key frames and global
-    settings; hide it from its own camera.
+    """Remove the world around the robot, with what is said of contacts with it and sensors of it, lights, skies, key
+    frames and global settings; hide the robot from its own camera.
     """
     world = spec.worldbody
-    of_world = [one for one in spec.excludes if "world" in (one.bodyname1, one.bodyname2)]
-    for element in [*spec.sensors, *spec.pairs, *of_world]:
-        spec.delete(element)
+    before = _names(spec)
     for element in [*world.geoms, *world.sites, *world.lights, *world.cameras]:
         spec.delete(element)
     for body in [body for body in world.bodies if body.name != root]:
         spec.delete(body)
-    for element in [*spec.lights, *spec.keys]:
+    gone = before - _names(spec) | {"world"}
+    pairs = [one for one in spec.pairs if gone & {one.geomname1, one.geomname2}]
+    excludes = [one for one in spec.excludes if gone & {one.bodyname1, one.bodyname2}]
+    sensors = [one for one in spec.sensors if gone & {one.objname, one.refname}]
+    for element in [*pairs, *excludes, *sensors, *spec.lights, *spec.keys]:
         spec.delete(element)
     for texture in [t for t in spec.textures if t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX]:
         spec.delete(texture)

@@ -104,7 +104,7 @@ def make_robot(
 
     if idle := config.without_effect:
         _logger.warning(
-            "%s: without effect where sensor.depth is %s, the pose is %s and so many move: %d.",
+            "%s: without effect on what is observed where sensor.depth is %s, the pose is %s and so many move: %d.",
             ", ".join(idle),
             config.sensor.depth,
             config.pose,

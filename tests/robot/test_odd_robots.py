@@ -73,6 +73,17 @@ def test_it_drives(tmp_path, changes):
     assert math.degrees(test.turned_rad) == pytest.approx(90.0, abs=1.0)
 
 
+def test_sensors_on_its_own_wheels_stay(tmp_path):
+    sensors = (
+        '<sensor><jointpos name="a" joint="wheel_left"/><framepos name="b" objtype="body" objname="crate"/></sensor>'
+    )
+    crate = '<worldbody><body name="crate" pos="3 0 0"><geom size="0.1"/></body>'
+    robot = describe_robot(
+        written(tmp_path, ("<worldbody>", crate), ("<actuator>", f"<sensor>{sensors}</sensor><actuator>"))
+    )
+    assert [sensor.name for sensor in robot.spec.sensors] == ["a"]
+
+
 def test_a_camera_on_its_side_is_turned_upright(tmp_path):
     upright = describe_robot(written(tmp_path))
     for axes in ("0 0 -1 0 -1 0", "0 1 0 0 0 -1"):

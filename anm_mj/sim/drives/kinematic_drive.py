@@ -146,6 +146,7 @@ class KinematicDrive(WheelDrive):
         left_rad, right_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
         base.turn_wheels(left_rad, right_rad)
         if isinstance(self._kinematics, PlanarKinematics):
-            base.place(move_pose(pose, forward_m, turn_rad))
+            assert isinstance(base, PlanarBase)
+            base.move_to(move_pose(pose, forward_m, turn_rad))
         else:
             base.place(self._kinematics.odometry(pose, left_rad, right_rad))
