@@ -74,13 +74,10 @@ def test_it_drives(tmp_path, changes):
 
 
 def test_sensors_on_its_own_wheels_stay(tmp_path):
-    sensors = (
-        '<sensor><jointpos name="a" joint="wheel_left"/><framepos name="b" objtype="body" objname="crate"/></sensor>'
-    )
+    added = '<jointpos name="a" joint="wheel_left"/><framepos name="b" objtype="body" objname="crate"/>'
     crate = '<worldbody><body name="crate" pos="3 0 0"><geom size="0.1"/></body>'
-    robot = describe_robot(
-        written(tmp_path, ("<worldbody>", crate), ("<actuator>", f"<sensor>{sensors}</sensor><actuator>"))
-    )
+    sensors = f"<sensor>{added}</sensor><actuator>"
+    robot = describe_robot(written(tmp_path, ("<worldbody>", crate), ("<actuator>", sensors)))
     assert [sensor.name for sensor in robot.spec.sensors] == ["a"]
 
 
