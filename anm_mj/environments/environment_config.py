@@ -11,9 +11,8 @@ from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import ConfigError, RobotError, TaskError
 from anm_mj.people.people_config import PeopleConfig
-from anm_mj.robot.robot_presets import preset_config
-from anm_mj.sim.sensors.sensor_config import SensorConfig, sensor_config
-from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, reality_of
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, in_reality, reality_of
 from anm_mj.types import FORWARD_STEP_M
 from anm_mj.utils.settings import of_type
 
@@ -90,18 +89,9 @@ class EnvironmentConfig:
     @property
     def simulation(self) -> SimulationConfig:
         """What the simulated robot is made of; every episode has its own scene, start and seed."""
-        settings = reality_of(self.reality).settings
-        return SimulationConfig(
-            "",
-            reality=self.reality,
-            robot=self.robot,
-            drive=self.drive,
-            pose=self.pose,
-            image_px=self.image_px,
-            model=dataclasses.replace(preset_config(self.robot), **settings.get("model", {})),
-            sensor=dataclasses.replace(sensor_config(self.sensor), **settings.get("sensor", {})),
-            people=PeopleConfig(number=self.people),
-        )
+        given = {name: getattr(self, name) for name in ("robot", "drive", "pose", "image_px")}
+        given["people"] = PeopleConfig(number=self.people)
+        return SimulationConfig("", **in_reality(self.reality, self.robot, self.sensor) | given)
 
     @property
     def max_steps(self) -> int:

@@ -109,7 +109,8 @@ class SimulatedRosRobot:
             self._now = self._limited()
             before, before_s = robot.pose, robot.data.time
             motion = robot.drive(self._now, PERIOD_S)
-            moved, took_s = relative_pose(before, robot.pose), robot.data.time - before_s
+            # MuJoCo sets the clock of a simulation that diverges back.
+            moved, took_s = relative_pose(before, robot.pose), max(robot.data.time - before_s, PERIOD_S)
             contacts += motion.collided and not touched
             touched = motion.collided
             self._publish_state(Twist(moved.x_m / took_s, moved.yaw_rad / took_s))

@@ -38,6 +38,7 @@ _KINDS: dict[str, type] = {
     "camera": CameraConfig,
     "sensor": SensorConfig,
     "people": PeopleConfig,
+    "start": Pose2,
 }
 """Of options."""
 
@@ -75,9 +76,10 @@ def make_robot(
             plane.
         RenderError: if the user's GL back-end does not work.
     """
-    for name, kind in _KINDS.items():
-        if not isinstance(options.get(name), kind | None):
-            raise ConfigError(f"{name} is {options[name]!r:.60}; give a {kind.__name__}.")
+    for name, value in {**options, "start": start}.items():
+        kind = _KINDS.get(name, object)
+        if not isinstance(value, kind | None):
+            raise ConfigError(f"{name} is {value!r:.60}; give a {kind.__name__}.")
     if config is None:
         begins = in_reality(options.get("reality", IDEAL), options.get("robot", DEFAULT_ROBOT))
         config = SimulationConfig(str(scene.folder), **begins | options)

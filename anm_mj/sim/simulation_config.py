@@ -130,13 +130,14 @@ class SimulationConfig:
         return Pose2(x_m, y_m, math.radians(yaw_deg))
 
 
-def in_reality(name: str, robot: str) -> dict[str, Any]:
-    """Fields of :class:`SimulationConfig` that a robot begins with in a reality. Raises ConfigError if there is no such
-    reality, and RobotError if the settings of the named robots cannot be read.
+def in_reality(name: str, robot: str, sensor: str = "") -> dict[str, Any]:
+    """Fields of :class:`SimulationConfig` that a robot begins with in a reality, with the reality's sensor or a named
+    one. Raises ConfigError if there is no such reality, and RobotError if there is no such sensor or the settings of
+    the named robots cannot be read.
     """
     reality = reality_of(name)
     begins: dict[str, Any] = {**reality.options, "reality": name}
-    if sensor := reality.options.get("sensor"):
+    if sensor := sensor or reality.options.get("sensor", ""):
         begins["sensor"] = replace(sensor_config(sensor), **reality.settings.get("sensor", {}))
     if noise := reality.settings.get("model"):
         from anm_mj.robot.robot_presets import preset_config  # Names alone should not cost the import of numpy.
