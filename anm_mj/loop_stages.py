@@ -104,7 +104,12 @@ def decide(robot: Robot, mapper: Mapper, policy: Policy, state: LoopState) -> tu
     assert observation is not None
     action = follower.next_action(observation.pose)
     decided = action is None or is_blocked(action, plan, robot, mapper, observation)
-    if decided:
+    if state.monitor.must_look_around:
+        # A policy that looks one way only would never tell a broken camera from a wall too near to be measured.
+        decided, plan = True, _one_turn("no depth for long: looks around")
+        follower.start(plan)
+        action = follower.next_action(observation.pose)
+    elif decided:
         plan = look_around(state.lost_steps)
         plan = plan or doubt_stop(policy.plan(mapper, observation), mapper, state)
         follower.start(plan)
@@ -175,4 +180,8 @@ def wait_for_sight(state: LoopState, policy: Policy) -> Plan:
     state.blind_turns += 1
     if state.blind_turns % PATIENT_TURNS == 0:
         policy.on_collision(state.observation.pose, Action.MOVE_FORWARD)
-    return Plan("nothing is seen ahead: turns instead of driving", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
+    return _one_turn("nothing is seen ahead: turns instead of driving")
+
+
+def _one_turn(reason: str) -> Plan:
+    return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,))

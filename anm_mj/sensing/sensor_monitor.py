@@ -4,7 +4,8 @@ A frame that cannot be true is handed on without depth: one without any although
 (:mod:`anm_mj.sensing.expected_view`), a black one without new depth of a camera that had colours, one that repeats the
 last although the robot moved, one of another shape, one without a pose. The map and the policies then learn nothing
 from it. So many of them in a row end the run. In the dark, images are black and depth is true. To see nothing where
-nothing is expected, such as beyond an edge, is a measurement; a whole turn without any depth is a fault all the same.
+nothing is expected, such as beyond an edge, is a measurement. After a few such frames the robot has to look around; a
+whole turn without any depth is a fault all the same.
 Single pixels that nothing beside them agrees with are left out, and a jump of the pose is undone where the map says
 that the robot did not jump (:mod:`anm_mj.sensing.pose_check`).
 """
@@ -24,8 +25,9 @@ _logger = logging.getLogger(__name__)
 
 PATIENCE_FRAMES = 12
 """This many faulty frames in a row make a fault."""
-FULL_TURN_FRAMES = round(math.tau / TURN_STEP_RAD)
-"""This many frames in a row without depth make a fault whatever the map expects: the robot has looked around."""
+MOST_EMPTY_FRAMES = PATIENCE_FRAMES + round(math.tau / TURN_STEP_RAD)
+"""This many frames in a row without depth make a fault whatever the map expects: the robot has looked around, from the
+twelfth on."""
 EXPECTED_SHARE = 0.1
 """A frame without depth is faulty where the map expects surface in this share of it. Less may be the error of a voxel
 at an edge."""
@@ -47,7 +49,7 @@ SAY_AGAIN_FRAMES = 50
 BLIND, NOTHING, REPEATED, BLACK = "blind", "nothing", "repeated", "black"
 SHAPE, POSE, SPECKLED = "shape", "pose", "speckled"
 _FIRST = {
-    BLIND: "Frame %d holds no depth, although the map expects some; it is left out of the map.",
+    BLIND: "Frame %d holds no depth, although some is to be expected; it is left out of the map.",
     REPEATED: "Frame %d repeats the last one although the robot moved.",
     BLACK: "Frame %d is black, and its depth is not new; it is left out of the map.",
     SHAPE: "Frame %d has another size than the camera's first one; it is left out of the map.",
@@ -96,6 +98,13 @@ class SensorMonitor:
         return self._sees
 
     @property
+    def must_look_around(self) -> bool:
+        """Whether the camera has measured nothing for so long, where nothing was expected, that a whole turn has to
+        show whether it still can.
+        """
+        return self._in_a_row[NOTHING] >= PATIENCE_FRAMES
+
+    @property
     def _has_measured(self) -> bool:
         return self._farthest_m > 0.0
 
@@ -103,7 +112,7 @@ class SensorMonitor:
     def fault(self) -> str | None:
         """What is wrong with the camera, as the beginning of a sentence; None while nothing is."""
         for kind, sentence in _FAULT.items():
-            if self._in_a_row[kind] >= (FULL_TURN_FRAMES if kind == NOTHING else PATIENCE_FRAMES):
+            if self._in_a_row[kind] >= (MOST_EMPTY_FRAMES if kind == NOTHING else PATIENCE_FRAMES):
                 told = sentence.format(self._in_a_row[kind] + (kind == REPEATED))
                 return told + self._expectation() if kind in (NOTHING, BLIND) else told
         return None

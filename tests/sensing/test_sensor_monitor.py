@@ -9,8 +9,8 @@ from anm_mj.frames import move_pose
 from anm_mj.sensing.expected_view import expected_view
 from anm_mj.sensing.pixel_state import find_outliers
 from anm_mj.sensing.sensor_monitor import (
-    FULL_TURN_FRAMES,
     LEAST_RANGE_M,
+    MOST_EMPTY_FRAMES,
     PATIENCE_FRAMES,
     RANGE_FRAMES,
     SensorMonitor,
@@ -69,12 +69,12 @@ def test_nothing_is_seen_where_the_map_expects_nothing():
     out, back = (FakeRobot(world, Pose2(1.2, 1.5, yaw)).observe() for yaw in (0.0, math.pi))
     monitor = SensorMonitor()
     monitor.check(out)
-    for count in range(1, FULL_TURN_FRAMES + 1):
+    for count in range(1, MOST_EMPTY_FRAMES + 1):
         kept = monitor.check(with_depth(np.inf)(out), moved=True, grid_at=world.occupancy_grid)
         assert np.isposinf(kept.depth_m).all()
         assert monitor.sees
         assert not monitor.is_blind
-        assert (monitor.fault is None) == (count < FULL_TURN_FRAMES)
+        assert (monitor.fault is None) == (count < MOST_EMPTY_FRAMES)
     monitor.check(out, moved=True)
     assert monitor.fault is None
     for count in range(1, PATIENCE_FRAMES + 1):
@@ -83,6 +83,24 @@ def test_nothing_is_seen_where_the_map_expects_nothing():
         assert np.isnan(kept.depth_m).all()
         assert not monitor.sees
         assert (monitor.fault is None) == (count < PATIENCE_FRAMES)
+
+
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_a_robot_without_depth_looks_around_whatever_its_policy_looks_at(is_dead):
+    """The right half of the world is unknown, and the policy would turn to and fro before it."""
+    world = room(5, 4, unknown=[(1.4, 0.0, 5.4, 4.4)])
+
+    def change(seen):
+        return with_depth(np.inf)(seen) if is_dead or math.cos(seen.pose.yaw_rad) > 0.5 else seen
+
+    to_and_fro = Plan("both", np.zeros((0, 2)), actions=(Action.TURN_LEFT, Action.TURN_RIGHT))
+    robot, recorder = FaultyRobot(world, Pose2(1.2, 1.5, 0.0), change, 1), ListRecorder()
+    outcome = explore(robot, world, Scripted(to_and_fro), num_steps=100, observers=(recorder,))
+    actions = [result.action for _, result, *_ in recorder.steps]
+    assert (outcome.stop_reason is StopReason.SENSOR_FAULT) == is_dead
+    assert set(actions[PATIENCE_FRAMES : PATIENCE_FRAMES + 6]) == {Action.TURN_LEFT}
+    # Where it was before, the map expects depth: the camera is dead before the turn is whole.
+    assert len(actions) < MOST_EMPTY_FRAMES if is_dead else len(actions) == 100
 
 
 def test_a_wall_too_near_to_be_measured_is_not_expected():
