@@ -168,7 +168,7 @@ class FieldLocaliser:
             return self._predicted(observation, tracked.prior, found, image, misfit=misfit)
         self._misfits = 0
         self._is_followed |= tracked.score >= believed
-        self._tracker.history.add(found.mean_cost, tracked.score)
+        self._tracker.history.add(found.mean_cost, tracked.score, tracked.image_fit)
         self._motion.learn(tracked.expected, found.T_world_camera)
         self._covariance = found.covariance
         estimate = self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())

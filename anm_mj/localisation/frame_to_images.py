@@ -145,6 +145,5 @@ def measured(
         slope = config.information * (basis.T @ sums.gradient) + prior @ offset
         T = moved_camera(T, basis @ np.linalg.solve(hessian, -slope))
     sums = compared(T, config.kernel, False)
-    # Geman and McClure's cost saturates: what it lacks of the worst is how well the points fit.
-    fit = 1.0 - sums.cost / (sums.num_points * config.kernel**2) if sums.num_points else 0.0
-    return Measured(T, config.information * sums.hessian, sums.num_points / max(1, len(compared)), fit)
+    overlap, fit = sums.num_points / max(1, len(compared)), sums.fit(config.kernel)
+    return Measured(T, config.information * sums.hessian, overlap, fit)

@@ -1,16 +1,21 @@
-"""The camera's motion from one frame to the next by their images alone: it holds where a frame contradicts the map, or
-shows what the map knows nothing of.
+"""The camera's motion from one frame to the next by their images alone: it holds where a frame contradicts the map,
+fits worse than the last ones did, or shows what the map knows nothing of.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from anm_mj.localisation.frame_to_images import FrameToImages, Measured, measured
 from anm_mj.localisation.key_images import KeyImage
-from anm_mj.localisation.localisation_config import LocalisationConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig, RegistrationConfig
 from anm_mj.localisation.motion_search import motion_search, rotation_search
 from anm_mj.localisation.registration import Prior
+
+_Search = Callable[[Prior, FrameToImages, RegistrationConfig], Float[np.ndarray, "4 4"]]
 
 _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
@@ -37,6 +42,14 @@ class ImageOdometry:
         """Take a frame at its estimated pose as what the next one follows; None = it shows nothing."""
         self._last = image
 
+    def fit(self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
+        """How well a frame's points fit the last image from a pose, in [0, 1]; NaN if it shows too few of them."""
+        if self._last is None:
+            return math.nan
+        graph, alone = self._config.graph, compared.against(self._last)
+        sums = alone(T_world_camera, graph.kernel, False)
+        return sums.fit(graph.kernel) if sums.num_points >= graph.least_overlap * len(alone) else math.nan
+
     def follow(self, compared: FrameToImages, prior: Prior, *, doubtful: bool) -> Prior | None:
         """The prior of a frame with the motion that its image and the last one show in place of the expected one, which
         may be farther off than its covariance says where it is ``doubtful``, or no odometry measured it. None where the
@@ -44,20 +57,30 @@ class ImageOdometry:
         """
         if self._last is None or prior.motion_covariance is None:
             return None
+        search = rotation_search if self._has_odometry else motion_search
         alone, believed = compared.against(self._last), self._motion(prior, doubtful=doubtful)
-        found = self._found(alone, believed)
+        found = self._found(alone, believed, search)
         if not self._has_odometry and (found is None or found.fit < _SURE_FIT):
             # Perhaps the motion before did not go on.
-            still = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera))
+            still = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera), search)
             found = max((each for each in (found, still) if each), key=lambda each: each.fit, default=None)
-        if found is None:
-            return None
-        information = prior.basis.T @ found.information @ prior.basis + np.linalg.inv(believed.covariance)
-        covariance = np.linalg.inv(information)
-        before = prior.covariance - prior.motion_covariance
-        return replace(
-            prior, T_world_camera=found.T_world_camera, covariance=before + covariance, motion_covariance=covariance
-        )
+        return None if found is None else _with_motion(prior, believed, found)
+
+    def follow_slip(self, compared: FrameToImages, prior: Prior) -> list[Prior]:
+        """As :meth:`follow`, for wheels that may have turned where the robot did not: the motion is any small one. All
+        that images allow, the one that fits them best first: along a plain wall they do not tell.
+        """
+        if self._last is None or prior.motion_covariance is None:
+            return []
+        any_motion = prior.basis.T @ np.diag(_LEAST_DOUBT**2) @ prior.basis
+        around = replace(prior, covariance=_DOUBT**2 * prior.motion_covariance + any_motion, headings=None)
+        still = replace(around, T_world_camera=self._last.T_world_camera)
+        found = list[tuple[float, Prior]]()
+        for motion in (around, still, replace(still, covariance=any_motion)):
+            each = self._found(compared.against(self._last), motion, motion_search)
+            if each is not None:
+                found.append((each.fit, _with_motion(prior, motion, each)))
+        return [each for _, each in sorted(found, key=lambda pair: -pair[0])]
 
     def _motion(self, prior: Prior, *, doubtful: bool) -> Prior:
         """Of the motion alone, as far as it is believed."""
@@ -67,10 +90,20 @@ class ImageOdometry:
             covariance = covariance + prior.basis.T @ np.diag(_LEAST_DOUBT**2) @ prior.basis
         return replace(prior, covariance=covariance, headings=None)
 
-    def _found(self, alone: FrameToImages, motion: Prior) -> Measured | None:
+    def _found(self, alone: FrameToImages, motion: Prior, search: _Search) -> Measured | None:
         """Where the last image puts a frame; None where it shows too little of it, or does not fit."""
         graph = self._config.graph
-        search = rotation_search if self._has_odometry else motion_search
         start = search(motion, alone, self._config.registration)
         found = measured(alone, start, motion.covariance, motion.basis, graph)
         return found if found.overlap >= graph.least_overlap and found.fit >= graph.least_fit else None
+
+
+def _with_motion(prior: Prior, believed: Prior, found: Measured) -> Prior:
+    """A frame's prior with the motion that was measured, ``believed`` before that."""
+    assert prior.motion_covariance is not None
+    information = prior.basis.T @ found.information @ prior.basis + np.linalg.inv(believed.covariance)
+    covariance = np.linalg.inv(information)
+    before = prior.covariance - prior.motion_covariance
+    return replace(
+        prior, T_world_camera=found.T_world_camera, covariance=before + covariance, motion_covariance=covariance
+    )

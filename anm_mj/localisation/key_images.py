@@ -53,6 +53,11 @@ class Sums(NamedTuple):
     mean_gray_cost: float
     """Of a point's grey value, in squared standard deviations."""
 
+    def fit(self, kernel: float) -> float:
+        """How well the points fit, in [0, 1]: the mean of their robust weights, with a kernel of this width."""
+        # Geman and McClure's cost saturates: what it lacks of the worst is how well the points fit.
+        return 1.0 - self.cost / (self.num_points * kernel**2) if self.num_points else 0.0
+
 
 @dataclass
 class KeyImage:

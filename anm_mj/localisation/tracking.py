@@ -4,6 +4,7 @@ than usual may be in a wrong place.
 
 import math
 import statistics
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -23,6 +24,8 @@ _FRAMES = 20
 """So many frames say what is usual,"""
 _RECENT = 3
 """and so many what frames score just now: where much is new, less than usual."""
+_LIKE_LAST = 0.97
+"""Where a frame fits the last one less than this share of how well others did, it is somewhere else."""
 _UNMEASURED_SHARE = 0.6
 """Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
@@ -46,11 +49,16 @@ class FitHistory:
         self.costs: list[float] = []
         """A point's, in squared standard deviations."""
         self._scores: list[float] = []
+        self._image_fits: list[float] = []
 
-    def add(self, cost: float, score: float) -> None:
-        """Take in a frame that fitted: what a point of it cost, and its score in [0, 1]."""
+    def add(self, cost: float, score: float, image_fit: float) -> None:
+        """Take in a frame that fitted: what a point of it cost, its score, and how well it fitted the last frame, in
+        [0, 1]; NaN = nobody knows.
+        """
         self.costs = [*self.costs, cost][-_FRAMES:]
         self._scores = [*self._scores, score][-_FRAMES:]
+        if not math.isnan(image_fit):
+            self._image_fits = [*self._image_fits, image_fit][-_FRAMES:]
 
     @property
     def usual_score(self) -> float:
@@ -61,6 +69,11 @@ class FitHistory:
     def recent_score(self) -> float:
         """What the last ones score; NaN before any did."""
         return statistics.median(self._scores[-_RECENT:]) if self._scores else math.nan
+
+    @property
+    def recent_image_fit(self) -> float:
+        """How well the last ones fit the frame before; NaN before any did."""
+        return statistics.median(self._image_fits[-_RECENT:]) if self._image_fits else math.nan
 
 
 def judged(
@@ -104,6 +117,8 @@ class Tracked:
     """That it was registered by."""
     expected: Prior
     """What the frames before said of it, before images did."""
+    image_fit: float = math.nan
+    """How well it fits the last frame, in [0, 1]; NaN = nobody knows."""
     is_followed: bool = False
     """Whether images told the motion."""
 
@@ -152,6 +167,11 @@ class Tracker:
             strict, floor = max(usual, like_recent), _UNMEASURED_SHARE * usual
         judge = partial(self._judged, problem.points, expected=prior)
         tracked = judge(prior, found, least_score=least, least_known_score=strict)
+        if self._has_odometry and compared is not None:
+            tracked = self._with_image_fit(tracked, compared)
+            if self._may_slip(tracked):
+                least = least if tracked.verdict is Verdict.FITS else usual
+                return self._after_slip(problem, tracked, compared, partial(judge, least_score=least))
         if tracked.verdict is Verdict.FITS:
             return tracked
         followed = None
@@ -171,6 +191,39 @@ class Tracker:
         if tracked.verdict is Verdict.FITS and new.score <= tracked.score:
             return replace(tracked, is_followed=True)
         return replace(new, prior=followed, is_followed=True)
+
+    def _after_slip(
+        self, problem: RegistrationProblem, tracked: Tracked, compared: FrameToImages, judge: Callable[..., Tracked]
+    ) -> Tracked:
+        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead."""
+        followed = self._image_odometry.follow_slip(compared, problem.prior)
+        if not followed or tracked.verdict is Verdict.UNKNOWN:
+            return replace(tracked, prior=followed[0], is_followed=True) if followed else tracked
+        # Where the map is wrong all along, images hold.
+        best = replace(tracked, is_followed=True) if tracked.verdict is Verdict.FITS else None
+        for prior in followed:
+            there = replace(problem.prior, T_world_camera=prior.T_world_camera)
+            new = judge(there, register(replace(problem, prior=there)), least_known_score=0.0)
+            new = replace(self._with_image_fit(new, compared), prior=prior, is_followed=True)
+            if best is None or _rank(new) > _rank(best):
+                best = new
+        assert best is not None
+        return best
+
+    def _with_image_fit(self, tracked: Tracked, compared: FrameToImages) -> Tracked:
+        """The same with what the last frame says."""
+        return replace(tracked, image_fit=self._image_odometry.fit(compared, tracked.found.T_world_camera))
+
+    def _may_slip(self, tracked: Tracked) -> bool:
+        """Whether odometry may have been so wrong that a frame was looked for in a wrong place, where something else
+        fits a little: the map, or the last frame, fits less well than usual.
+        """
+        history, is_known = self.history, tracked.verdict is not Verdict.UNKNOWN
+        least = self._config.relocalisation.usual_share * history.recent_score
+        unlike = not math.isnan(history.recent_image_fit) and not (
+            tracked.image_fit >= _LIKE_LAST * history.recent_image_fit
+        )
+        return unlike or (is_known and tracked.score < least)
 
     @property
     def believed_score(self) -> float:
@@ -203,3 +256,11 @@ class Tracker:
     ) -> Tracked:
         verdict, score = judged(points, prior, found, self._probe, self._config, least_score, least_known_score)
         return Tracked(verdict, score, found, prior, expected)
+
+
+def _rank(tracked: Tracked) -> tuple[bool, float]:
+    """What says that a frame is where it is, to be compared: first the map, and how much map and last frame together,
+    then the last frame alone, which it has to be like at least a little.
+    """
+    fits, like_last = tracked.verdict is Verdict.FITS, 0.0 if math.isnan(tracked.image_fit) else tracked.image_fit
+    return fits, (tracked.score if fits else 1.0) * like_last

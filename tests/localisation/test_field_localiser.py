@@ -79,6 +79,23 @@ def test_drift_is_taken_away(tracked: tuple[list[Observation], list[PoseEstimate
     assert all(estimate.usable and estimate.state is TrackingState.TRACKING for estimate in estimates)
 
 
+@pytest.mark.parametrize(("turned_deg", "forward_m"), [(20.0, 0.0), (-17.0, -0.05), (0.0, 0.12), (25.0, 0.08)])
+def test_wheels_may_slip_once(tiny_config: MappingConfig, room: Room, turned_deg: float, forward_m: float) -> None:
+    """Odometry is wrong by far more than it usually is, in one step: beside an obstacle wheels spin."""
+    frames, slip = walk(room, 20), math.radians(turned_deg)
+    told = drifting(frames)
+    for k in range(12, 20):
+        x, y, yaw = (getattr(told[k].pose, name) for name in ("x_m", "y_m", "yaw_rad"))
+        told[k] = with_pose(told[k], x + forward_m, y, yaw + slip)
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=True, odometry=True)
+    estimates = track(localiser, neural_map, told)
+    apart, turned = offsets(estimates, frames)
+    assert apart.max() < 0.03
+    assert turned.max() < math.radians(0.8)
+    assert all(estimate.usable for estimate in estimates)
+
+
 def test_base_and_camera_go_together(tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap]) -> None:
     for estimate in tracked[1]:
         pose = estimate.observation.pose

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.localisation.frame_to_images import compared_with
+from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
 from anm_mj.localisation.image_odometry import ImageOdometry
 from anm_mj.localisation.key_images import KeyImages, key_image
 from anm_mj.localisation.localisation_config import LocalisationConfig
@@ -28,11 +28,17 @@ def expected(before: Observation, after: Observation) -> Prior:
 
 
 def followed(before: Observation, after: Observation, prior: Prior, *, doubtful: bool) -> Prior | None:
-    images = ImageOdometry(CONFIG, has_odometry=len(prior.covariance) == 3)
+    images, compared = one_after_another(before, after, has_odometry=len(prior.covariance) == 3)
+    return images.follow(compared, prior, doubtful=doubtful)
+
+
+def one_after_another(
+    before: Observation, after: Observation, *, has_odometry: bool = True
+) -> tuple[ImageOdometry, FrameToImages]:
+    images = ImageOdometry(CONFIG, has_odometry=has_odometry)
     images.see(key_image(before, CONFIG.key_images.longest_px))
     kept, image = KeyImages(CONFIG.key_images), key_image(after, CONFIG.key_images.longest_px)
-    compared = compared_with([], after, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
-    return images.follow(compared, prior, doubtful=doubtful)
+    return images, compared_with([], after, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("wrong_deg", [0.0, 3.0, 8.0, -8.0])
@@ -81,9 +87,34 @@ def test_without_odometry_it_finds_motions_that_do_not_go_on_as_before(
     assert np.linalg.norm(off[3:]) < math.radians(0.5)
 
 
+@pytest.mark.parametrize("slip", [(0.0, 20.0), (0.1, -25.0), (0.12, 0.0), (-0.1, 40.0)])
+@pytest.mark.parametrize("moved", [(0.0, 0.0), (0.065, 0.0), (0.0, TURN)])
+def test_wheels_that_slipped_are_told_by_images(
+    room: Room, moved: tuple[float, float], slip: tuple[float, float]
+) -> None:
+    before = room.observe(1.5, 1.5, 0.3, size=96)
+    after = room.observe(1.5 + moved[0], 1.5, 0.3 + moved[1], size=96)
+    told = room.observe(1.5 + moved[0] + slip[0], 1.5, 0.3 + moved[1] + math.radians(slip[1]), size=8)
+    prior = expected(before, told)
+    images, compared = one_after_another(before, after)
+    found = images.follow_slip(compared, prior)
+    off = camera_motion(after.T_world_camera, found[0].T_world_camera)
+    assert np.linalg.norm(off[:3]) < 0.01
+    assert abs(off[5]) < math.radians(0.3)
+    fits = [images.fit(compared, each.T_world_camera) for each in found]
+    assert fits == sorted(fits, reverse=True)
+    right = images.fit(compared, after.T_world_camera)
+    assert fits[0] == pytest.approx(right, abs=0.02)
+    # Too far off, the images have too little in common to be compared.
+    wrong = images.fit(compared, prior.T_world_camera)
+    assert math.isnan(wrong) or wrong < 0.97 * right
+
+
 def test_images_of_other_places_show_no_motion(room: Room) -> None:
     before, after = room.observe(1.5, 1.5, 0.0, size=96), room.observe(1.5, 1.5, math.pi, size=96)
     assert followed(before, after, expected(before, before), doubtful=True) is None
+    images, compared = one_after_another(before, after)
+    assert images.follow_slip(compared, expected(before, before)) == []
 
 
 def test_before_any_frame_there_is_no_motion(room: Room) -> None:
@@ -92,6 +123,8 @@ def test_before_any_frame_there_is_no_motion(room: Room) -> None:
     image = key_image(frame, CONFIG.key_images.longest_px)
     compared = compared_with([], frame, image, 800, kept, CONFIG, 0.0, np.random.default_rng(0))
     assert images.follow(compared, expected(frame, frame), doubtful=True) is None
+    assert images.follow_slip(compared, expected(frame, frame)) == []
+    assert math.isnan(images.fit(compared, frame.T_world_camera))
     images.see(image)
     first = Prior(frame.T_world_camera, BEFORE, PLANAR)
     assert images.follow(compared, first, doubtful=True) is None

@@ -28,6 +28,8 @@ class NoisyOdometry:
     Systematic errors come before that: a wrong radius scales all three, and wheels of unequal radius bend the way.
     Source: Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, IEEE
     Transactions on Robotics and Automation 12(6), 1996.
+
+    Wheels that spin for a moment, where something holds the robot, make single readings worthless.
     """
 
     def __init__(self, config: SensorConfig, seed: int) -> None:
@@ -35,13 +37,17 @@ class NoisyOdometry:
         self._alpha = scaled.odometry_alpha
         self._scale = 1.0 + scaled.odometry_radius_error
         self._bias_rad_per_m = math.radians(scaled.odometry_yaw_bias_deg_per_m)
-        self._is_exact = not any(self._alpha) and self._scale == 1.0 and self._bias_rad_per_m == 0.0
+        self._slips, self._slip_m = scaled.odometry_slips, scaled.odometry_slip_m
+        self._slip_rad = math.radians(scaled.odometry_slip_deg)
+        is_regular = not any(self._alpha) and self._scale == 1.0 and self._bias_rad_per_m == 0.0
+        self._is_exact = is_regular and self._slips == 0.0
         self._seed = seed
         self.restart()
 
     def restart(self) -> None:
         """Forget the past; the next reading is believed as it is."""
         self._generator = np.random.default_rng([self._seed, 11])
+        self._slip_generator = np.random.default_rng([self._seed, 12])
         self._last: Pose2 | None = None
         self._believed: Pose2 | None = None
 
@@ -70,14 +76,24 @@ class NoisyOdometry:
         a1, a2, a3, a4 = self._alpha
         noise = self._generator.standard_normal(3)
         part = max(abs(distance) / FORWARD_STEP_M, abs(turned) / TURN_STEP_RAD)
+        slip_m, slip_rad = self._slip(part)
         noise *= 1.0 if part > _WHOLE else max(part, _LEAST) ** -0.5
         noisy_first = first + math.sqrt(a1 * first**2 + a2 * distance**2) * noise[0]
         noisy_distance = distance + math.sqrt(a3 * distance**2 + a4 * (first**2 + second**2)) * noise[1]
         noisy_second = second + math.sqrt(a1 * second**2 + a2 * distance**2) * noise[2]
         yaw = self._believed.yaw_rad + noisy_first
         self._believed = Pose2(
-            self._believed.x_m + noisy_distance * math.cos(yaw + aside),
-            self._believed.y_m + noisy_distance * math.sin(yaw + aside),
-            wrap_angle(yaw + noisy_second),
+            self._believed.x_m + noisy_distance * math.cos(yaw + aside) + slip_m * math.cos(yaw),
+            self._believed.y_m + noisy_distance * math.sin(yaw + aside) + slip_m * math.sin(yaw),
+            wrap_angle(yaw + noisy_second + slip_rad),
         )
         return self._believed
+
+    def _slip(self, part: float) -> tuple[float, float]:
+        """Way [m] and turn [rad] that spinning wheels add to a reading, of a ``part`` of an action."""
+        if self._slips == 0.0:
+            return 0.0, 0.0
+        chance, way, turn = self._slip_generator.random(3)
+        if chance >= self._slips * min(part, 1.0):
+            return 0.0, 0.0
+        return float(2.0 * way - 1.0) * self._slip_m, float(2.0 * turn - 1.0) * self._slip_rad

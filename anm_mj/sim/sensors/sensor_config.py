@@ -20,6 +20,7 @@ _READ_BY = {
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
 _DEVIATIONS = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error", "color_sigma")
 _DEVIATIONS += ("exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
+_PROBABILITIES = ("edge_missing", "flying_share", "odometry_slips")
 _VARIANCES = ("color_gain", "odometry_alpha")
 _from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 
@@ -35,8 +36,8 @@ def sensor_config(name: str) -> SensorConfig:
 class SensorConfig(Settings, group="sensor", error=RobotError):
     """Settings of the camera's depth and colour noise and of the wheel odometry's noise.
 
-    ``noise_scale`` multiplies every standard deviation, every systematic error and every probability of a missing pixel
-    at once; 0 leaves quantization and range.
+    ``noise_scale`` multiplies every standard deviation, every systematic error and every probability, of missing pixels
+    or of slips, at once; 0 leaves quantization and range.
     """
 
     name: str = "exact"
@@ -94,6 +95,13 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     odometry_yaw_bias_deg_per_m: float = setting(0.0, at_least=-90.0, at_most=90.0)
     """Systematic error of wheel odometry: its heading turns to the left by this much with every metre driven [deg/m],
     as with wheels of unequal radius."""
+    odometry_slips: float = _from_zero(0.0, at_most=1.0)
+    """Share of actions during which wheels spin, as beside an obstacle that they push against: the reading of odometry
+    is then wrong by ``odometry_slip_m`` and ``odometry_slip_deg``, far more than it usually errs."""
+    odometry_slip_m: float = _from_zero(0.1)
+    """A slip makes the way longer or shorter by up to this, uniformly [m],"""
+    odometry_slip_deg: float = _from_zero(25.0, at_most=180.0)
+    """and turns the heading to either side by up to this, uniformly [deg]."""
 
     def __post_init__(self) -> None:
         """Refuse what no sensor does. Raises RobotError if a choice is unknown, or a number is out of its range as it
@@ -134,9 +142,12 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of settings that differ from those of the named sensor, and that its depth model does not read."""
+        """Names of settings that differ from those of the named sensor, and that nothing reads: neither its depth
+        model, nor wheels that never slip.
+        """
         usual = SENSORS.get(self.name, SensorConfig())
         unread = set[str]().union(*(names for model, names in _READ_BY.items() if self.depth not in model))
+        unread.update(("odometry_slip_m", "odometry_slip_deg") if self.odometry_slips == 0.0 else ())
         return tuple(name for name in sorted(unread) if getattr(self, name) != getattr(usual, name))
 
     def scaled(self) -> SensorConfig:
@@ -149,7 +160,7 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
         """What ``noise_scale`` changes, by the names of the fields."""
         k = self.noise_scale
         scaled: dict[str, Any] = {name: k * getattr(self, name) for name in _DEVIATIONS}
-        scaled |= {name: min(k * getattr(self, name), 1.0) for name in ("edge_missing", "flying_share")}
+        scaled |= {name: min(k * getattr(self, name), 1.0) for name in _PROBABILITIES}
         scaled["grazing_missing_deg"] = max(90.0 - k * (90.0 - self.grazing_missing_deg), 0.0)
         scaled["color_gain"] = k**2 * self.color_gain
         scaled["odometry_alpha"] = tuple(k**2 * alpha for alpha in self.odometry_alpha)
