@@ -64,7 +64,11 @@ class ImageOdometry:
             # Perhaps the motion before did not go on.
             still = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera), search)
             found = max((each for each in (found, still) if each), key=lambda each: each.fit, default=None)
-        return None if found is None else _with_motion(prior, believed, found)
+        followed = None if found is None else _with_motion(prior, believed, found)
+        if self._has_odometry and doubtful and (found is None or found.fit < _SURE_FIT):
+            every = [*self.follow_slip(compared, prior), *([followed] if followed else [])]
+            return max(every, key=lambda each: self.fit(compared, each.T_world_camera), default=None)
+        return followed
 
     def follow_slip(self, compared: FrameToImages, prior: Prior) -> list[Prior]:
         """As :meth:`follow`, for wheels that may have turned where the robot did not: the motion is any small one. All

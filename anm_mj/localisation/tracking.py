@@ -25,7 +25,9 @@ _FRAMES = 20
 _RECENT = 3
 """and so many what frames score just now: where much is new, less than usual."""
 _LIKE_LAST = 0.97
-"""Where a frame fits the last one less than this share of how well others did, it is somewhere else."""
+"""A frame fits the last one at least this share of how well the last ones did,"""
+_SURE_IMAGE_FIT = 0.9
+"""and the first of all so well."""
 _UNMEASURED_SHARE = 0.6
 """Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
@@ -71,9 +73,11 @@ class FitHistory:
         return statistics.median(self._scores[-_RECENT:]) if self._scores else math.nan
 
     @property
-    def recent_image_fit(self) -> float:
-        """How well the last ones fit the frame before; NaN before any did."""
-        return statistics.median(self._image_fits[-_RECENT:]) if self._image_fits else math.nan
+    def least_image_fit(self) -> float:
+        """A frame that fits the last one less well is somewhere else."""
+        if not self._image_fits:
+            return _SURE_IMAGE_FIT
+        return _LIKE_LAST * statistics.median(self._image_fits[-_RECENT:])
 
 
 def judged(
@@ -172,12 +176,16 @@ class Tracker:
             if self._may_slip(tracked):
                 least = least if tracked.verdict is Verdict.FITS else usual
                 return self._after_slip(problem, tracked, compared, partial(judge, least_score=least))
+            if tracked.verdict is Verdict.JUMPS:
+                # The last frame says so, too: it was odometry that jumped.
+                return replace(tracked, verdict=Verdict.FITS, is_followed=True)
         if tracked.verdict is Verdict.FITS:
             return tracked
         followed = None
         if compared is not None:
-            is_odd = tracked.verdict is not Verdict.UNKNOWN
-            followed = self._image_odometry.follow(compared, problem.prior, doubtful=is_odd)
+            follow, is_odd = self._image_odometry.follow, tracked.verdict is not Verdict.UNKNOWN
+            followed = None if is_odd else follow(compared, problem.prior, doubtful=False)
+            followed = followed or follow(compared, problem.prior, doubtful=True)
         if not self._has_odometry:
             tracked = judge(prior, found, least_score=least, least_known_score=floor)
         if followed is None:
@@ -219,11 +227,8 @@ class Tracker:
         fits a little: the map, or the last frame, fits less well than usual.
         """
         history, is_known = self.history, tracked.verdict is not Verdict.UNKNOWN
-        least = self._config.relocalisation.usual_share * history.recent_score
-        unlike = not math.isnan(history.recent_image_fit) and not (
-            tracked.image_fit >= _LIKE_LAST * history.recent_image_fit
-        )
-        return unlike or (is_known and tracked.score < least)
+        is_low = tracked.score < self._config.relocalisation.usual_share * history.recent_score
+        return (is_known and is_low) or not tracked.image_fit >= history.least_image_fit
 
     @property
     def believed_score(self) -> float:
