@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 
 from anm_mj.localisation.frame_to_images import FrameToImages, Measured, measured
 from anm_mj.localisation.key_images import KeyImage
@@ -23,6 +23,11 @@ _LEAST_DOUBT = np.array([0.05] * 3 + [0.1] * 3)
 """Standard deviations [m, rad] of a motion that no odometry measured, at least: a camera may begin to move."""
 _SURE_FIT = 0.9
 """An image that fits so well leaves no doubt."""
+
+
+def any_motion(prior: Prior) -> Float64[np.ndarray, "k k"]:
+    """Covariance of a motion that nothing measured, by the directions of a prior."""
+    return prior.basis.T @ np.diag(_LEAST_DOUBT**2) @ prior.basis
 
 
 class ImageOdometry:
@@ -43,12 +48,18 @@ class ImageOdometry:
         self._last = image
 
     def fit(self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-        """How well a frame's points fit the last image from a pose, in [0, 1]; NaN if it shows too few of them."""
+        """How well a frame's points fit the last image from a pose, by depth and grey value, in [0, 1]; NaN if it shows
+        too few of them.
+        """
         if self._last is None:
             return math.nan
-        graph, alone = self._config.graph, compared.against(self._last)
+        graph, gray_kernel = self._config.graph, self._config.key_images.gray_kernel
+        alone = compared.against(self._last)
         sums = alone(T_world_camera, graph.kernel, False)
-        return sums.fit(graph.kernel) if sums.num_points >= graph.least_overlap * len(alone) else math.nan
+        if sums.num_points < graph.least_overlap * len(alone):
+            return math.nan
+        grays = 1.0 - sums.mean_gray_cost / gray_kernel**2 if alone.has_gray else 1.0
+        return grays * sums.fit(graph.kernel)
 
     def follow(self, compared: FrameToImages, prior: Prior, *, doubtful: bool) -> Prior | None:
         """The prior of a frame with the motion that its image and the last one show in place of the expected one, which
@@ -65,8 +76,8 @@ class ImageOdometry:
             still = self._found(alone, replace(believed, T_world_camera=self._last.T_world_camera), search)
             found = max((each for each in (found, still) if each), key=lambda each: each.fit, default=None)
         followed = None if found is None else _with_motion(prior, believed, found)
-        if self._has_odometry and doubtful and (found is None or found.fit < _SURE_FIT):
-            every = [*self.follow_slip(compared, prior), *([followed] if followed else [])]
+        if self._has_odometry and prior.is_planar and doubtful and (found is None or found.fit < _SURE_FIT):
+            every = [*([followed] if followed else []), *self.follow_slip(compared, prior)]
             return max(every, key=lambda each: self.fit(compared, each.T_world_camera), default=None)
         return followed
 
@@ -76,22 +87,22 @@ class ImageOdometry:
         """
         if self._last is None or prior.motion_covariance is None:
             return []
-        any_motion = prior.basis.T @ np.diag(_LEAST_DOUBT**2) @ prior.basis
-        around = replace(prior, covariance=_DOUBT**2 * prior.motion_covariance + any_motion, headings=None)
+        small = any_motion(prior)
+        around = replace(prior, covariance=_DOUBT**2 * prior.motion_covariance + small, headings=None)
         still = replace(around, T_world_camera=self._last.T_world_camera)
-        found = list[tuple[float, Prior]]()
-        for motion in (around, still, replace(still, covariance=any_motion)):
-            each = self._found(compared.against(self._last), motion, motion_search)
-            if each is not None:
-                found.append((each.fit, _with_motion(prior, motion, each)))
-        return [each for _, each in sorted(found, key=lambda pair: -pair[0])]
+        alone, found = compared.against(self._last), list[Prior]()
+        for motion in (around, still, replace(still, covariance=small)):
+            if (each := self._found(alone, motion, motion_search)) is not None:
+                found.append(_with_motion(prior, motion, each))
+        fits = [self.fit(compared, each.T_world_camera) for each in found]
+        return [found[index] for index in np.argsort(np.negative(fits), kind="stable")]
 
     def _motion(self, prior: Prior, *, doubtful: bool) -> Prior:
         """Of the motion alone, as far as it is believed."""
         assert prior.motion_covariance is not None
         covariance = (_DOUBT**2 if doubtful or not self._has_odometry else 1.0) * prior.motion_covariance
         if not self._has_odometry:
-            covariance = covariance + prior.basis.T @ np.diag(_LEAST_DOUBT**2) @ prior.basis
+            covariance = covariance + any_motion(prior)
         return replace(prior, covariance=covariance, headings=None)
 
     def _found(self, alone: FrameToImages, motion: Prior, search: _Search) -> Measured | None:

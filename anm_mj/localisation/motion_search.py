@@ -38,11 +38,16 @@ def motion_search(prior: Prior, extra: FrameToImages, config: RegistrationConfig
     """Where the last image puts a camera whose motion nobody measured: along and about each of its axes.
 
     Far from the right place a few points that are left in view may have fitting grey values, but not depths as well;
-    and what slides out of view is no gain.
+    and what slides out of view is no gain. On a floor, where less can go wrong, grey values count beside depth.
     """
     directions = np.kron(np.eye(2), prior.T_world_camera[:3, :3].T) @ prior.basis
     exists = np.sqrt(np.diag(directions @ prior.covariance @ directions.T)) >= _LEAST_DEVIATION
-    return _search(prior, extra, config, directions[exists], _mean_of_all)
+    has_gray = extra.has_gray and prior.is_planar
+
+    def mean(sums: Sums, num_points: int) -> float:
+        return _mean_of_all(sums, num_points) + (sums.mean_gray_cost if has_gray else 0.0)
+
+    return _search(prior, extra, config, directions[exists], mean)
 
 
 def mean_cost(extra: FrameToImages, sums: Sums) -> float:
@@ -51,7 +56,7 @@ def mean_cost(extra: FrameToImages, sums: Sums) -> float:
 
 
 def _mean_of_all(sums: Sums, num_points: int) -> float:
-    """Cost of a point, by depth and grey value, of all that are looked for."""
+    """Cost of a point, by depth, of all that are looked for."""
     return (sums.cost + _UNSEEN_COST * (num_points - sums.num_points)) / num_points
 
 

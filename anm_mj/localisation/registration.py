@@ -53,6 +53,11 @@ class Prior:
     """What walls say of it, which may be wrong."""
 
     @property
+    def is_planar(self) -> bool:
+        """Whether the camera moves with a base on a floor, so that wheels tell its motion."""
+        return len(self.covariance) < len(self.basis)
+
+    @property
     def deviations(self) -> tuple[float, float]:
         """Standard deviations of the position [m] and the rotation [rad], in the direction where they are largest."""
         return largest_deviations(self.basis @ self.covariance @ self.basis.T)

@@ -10,9 +10,10 @@ from enum import Enum
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
 from anm_mj.localisation.frame_to_images import FrameToImages
-from anm_mj.localisation.image_odometry import ImageOdometry
+from anm_mj.localisation.image_odometry import ImageOdometry, any_motion
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
@@ -28,6 +29,8 @@ _LIKE_LAST = 0.97
 """A frame fits the last one at least this share of how well the last ones did,"""
 _SURE_IMAGE_FIT = 0.9
 """and the first of all so well."""
+_UNSEEN = 0.95
+"""What a frame that shows too little of the last one has of that."""
 _UNMEASURED_SHARE = 0.6
 """Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
@@ -171,12 +174,18 @@ class Tracker:
             strict, floor = max(usual, like_recent), _UNMEASURED_SHARE * usual
         judge = partial(self._judged, problem.points, expected=prior)
         tracked = judge(prior, found, least_score=least, least_known_score=strict)
-        if self._has_odometry and compared is not None:
+        if self._has_odometry and problem.prior.is_planar and compared is not None and confirmed is None:
             tracked = self._with_image_fit(tracked, compared)
-            if self._may_slip(tracked):
-                least = least if tracked.verdict is Verdict.FITS else usual
-                return self._after_slip(problem, tracked, compared, partial(judge, least_score=least))
-            if tracked.verdict is Verdict.JUMPS:
+            fits = tracked.verdict is Verdict.FITS
+            # After a frame that was mapped nowhere the image of where it was predicted says little.
+            is_believed = fits and misfits > 0 and tracked.score >= usual
+            if self._may_slip(tracked) and not is_believed:
+                slipped = self._after_slip(
+                    problem, tracked, compared, partial(judge, least_score=least if fits else usual)
+                )
+                if slipped is not None:
+                    return slipped
+            elif tracked.verdict is Verdict.JUMPS:
                 # The last frame says so, too: it was odometry that jumped.
                 return replace(tracked, verdict=Verdict.FITS, is_followed=True)
         if tracked.verdict is Verdict.FITS:
@@ -202,21 +211,28 @@ class Tracker:
 
     def _after_slip(
         self, problem: RegistrationProblem, tracked: Tracked, compared: FrameToImages, judge: Callable[..., Tracked]
-    ) -> Tracked:
-        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead."""
+    ) -> Tracked | None:
+        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead; None
+        where they lead nowhere, or to nothing better.
+        """
         followed = self._image_odometry.follow_slip(compared, problem.prior)
-        if not followed or tracked.verdict is Verdict.UNKNOWN:
-            return replace(tracked, prior=followed[0], is_followed=True) if followed else tracked
-        # Where the map is wrong all along, images hold.
-        best = replace(tracked, is_followed=True) if tracked.verdict is Verdict.FITS else None
+        if tracked.verdict is Verdict.UNKNOWN:
+            better = [each for each in followed if self._is_like_last(compared, each.T_world_camera)]
+            return replace(tracked, prior=better[0], is_followed=True) if better else None
+        found = list[Tracked]()
         for prior in followed:
-            there = replace(problem.prior, T_world_camera=prior.T_world_camera)
+            # That image has its say in the registration, and none twice.
+            covariance = problem.prior.covariance + any_motion(problem.prior)
+            there = replace(problem.prior, T_world_camera=prior.T_world_camera, covariance=covariance)
             new = judge(there, register(replace(problem, prior=there)), least_known_score=0.0)
-            new = replace(self._with_image_fit(new, compared), prior=prior, is_followed=True)
-            if best is None or _rank(new) > _rank(best):
-                best = new
-        assert best is not None
-        return best
+            found.append(replace(self._with_image_fit(new, compared), prior=prior, is_followed=True))
+        fitting = [each for each in found if each.verdict is Verdict.FITS]
+        if tracked.verdict is not Verdict.FITS:
+            # Where the map is wrong all along, images hold.
+            return max(fitting, key=self._evidence, default=found[0] if found else None)
+        best = max(fitting, key=self._evidence, default=tracked)
+        is_better = _LIKE_LAST * self._evidence(best) > self._evidence(tracked)
+        return best if is_better else replace(tracked, is_followed=bool(followed))
 
     def _with_image_fit(self, tracked: Tracked, compared: FrameToImages) -> Tracked:
         """The same with what the last frame says."""
@@ -226,9 +242,19 @@ class Tracker:
         """Whether odometry may have been so wrong that a frame was looked for in a wrong place, where something else
         fits a little: the map, or the last frame, fits less well than usual.
         """
-        history, is_known = self.history, tracked.verdict is not Verdict.UNKNOWN
-        is_low = tracked.score < self._config.relocalisation.usual_share * history.recent_score
-        return (is_known and is_low) or not tracked.image_fit >= history.least_image_fit
+        is_low = tracked.score < self._config.relocalisation.usual_share * self.history.recent_score
+        is_known = tracked.verdict is not Verdict.UNKNOWN
+        return (is_known and is_low) or not tracked.image_fit >= self.history.least_image_fit
+
+    def _is_like_last(self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"]) -> bool:
+        return self._image_odometry.fit(compared, T_world_camera) >= self.history.least_image_fit
+
+    def _evidence(self, tracked: Tracked) -> float:
+        """How much map and last frame together say that a frame is where it is, in [0, 1]. One that should not see what
+        the last one saw is hardly like it.
+        """
+        fit = _UNSEEN * self.history.least_image_fit if math.isnan(tracked.image_fit) else tracked.image_fit
+        return tracked.score * fit
 
     @property
     def believed_score(self) -> float:
@@ -261,11 +287,3 @@ class Tracker:
     ) -> Tracked:
         verdict, score = judged(points, prior, found, self._probe, self._config, least_score, least_known_score)
         return Tracked(verdict, score, found, prior, expected)
-
-
-def _rank(tracked: Tracked) -> tuple[bool, float]:
-    """What says that a frame is where it is, to be compared: first the map, and how much map and last frame together,
-    then the last frame alone, which it has to be like at least a little.
-    """
-    fits, like_last = tracked.verdict is Verdict.FITS, 0.0 if math.isnan(tracked.image_fit) else tracked.image_fit
-    return fits, (tracked.score if fits else 1.0) * like_last

@@ -25,9 +25,8 @@ _logger = logging.getLogger(__name__)
 
 PATIENCE_FRAMES = 12
 """This many faulty frames in a row make a fault."""
-MOST_EMPTY_FRAMES = PATIENCE_FRAMES + round(math.tau / TURN_STEP_RAD)
-"""This many frames in a row without depth make a fault whatever the map expects: the robot has looked around, from the
-twelfth on."""
+FULL_TURN_FRAMES = round(math.tau / TURN_STEP_RAD)
+"""So many turns look all around: without any depth meanwhile the camera is broken, whatever the map expects."""
 EXPECTED_SHARE = 0.1
 """A frame without depth is faulty where the map expects surface in this share of it. Less may be the error of a voxel
 at an edge."""
@@ -71,6 +70,10 @@ class SensorMonitor:
 
     def __init__(self) -> None:
         self._in_a_row = dict.fromkeys(_FAULT, 0)
+        self._num_seen = 0
+        """Frames in a row with depth."""
+        self._patience = PATIENCE_FRAMES
+        """Frames in a row without depth after which the robot has to look around."""
         self._num_faulty = dict.fromkeys(_FIRST, 0)
         self._farthest_m = 0.0
         """Largest depth that was measured by more than single pixels [m]; 0 before the first."""
@@ -99,10 +102,8 @@ class SensorMonitor:
 
     @property
     def must_look_around(self) -> bool:
-        """Whether the camera has measured nothing for so long, where nothing was expected, that a whole turn has to
-        show whether it still can.
-        """
-        return self._in_a_row[NOTHING] >= PATIENCE_FRAMES
+        """Whether the camera has measured nothing for so long that a whole turn has to show whether it still can."""
+        return self._in_a_row[NOTHING] >= self._patience
 
     @property
     def _has_measured(self) -> bool:
@@ -112,7 +113,7 @@ class SensorMonitor:
     def fault(self) -> str | None:
         """What is wrong with the camera, as the beginning of a sentence; None while nothing is."""
         for kind, sentence in _FAULT.items():
-            if self._in_a_row[kind] >= (MOST_EMPTY_FRAMES if kind == NOTHING else PATIENCE_FRAMES):
+            if self._in_a_row[kind] >= (self._patience + FULL_TURN_FRAMES if kind == NOTHING else PATIENCE_FRAMES):
                 told = sentence.format(self._in_a_row[kind] + (kind == REPEATED))
                 return told + self._expectation() if kind in (NOTHING, BLIND) else told
         return None
@@ -152,6 +153,7 @@ class SensorMonitor:
         if has_depth and not faulty:
             measured_m = observation.depth_m[is_measured(observation.depth_m)]
             self._farthest_m = max(self._farthest_m, float(np.quantile(measured_m, 0.99)))
+        self._note_depth(has_depth=has_depth)
         # A frame that was blanked here counts once, for its own reason.
         self._count(NOTHING, has_depth or faulty, observation)
         nothing = not (has_depth or faulty)
@@ -177,6 +179,16 @@ class SensorMonitor:
             observation = replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
             return judge_pixels(observation)
         return self._without_outliers(self._with_learnt_range(observation))
+
+    def _note_depth(self, *, has_depth: bool) -> None:
+        """Learn how patient to be: where a look around has just shown that the camera measures, the robot may go on
+        into what it sees nothing of, or it would be turned back for ever.
+        """
+        self._num_seen = self._num_seen + 1 if has_depth else 0
+        if has_depth and self.must_look_around:
+            self._patience = FULL_TURN_FRAMES
+        elif self._num_seen >= FULL_TURN_FRAMES:
+            self._patience = PATIENCE_FRAMES
 
     def _with_learnt_range(self, observation: Observation) -> Observation:
         """The frame with the range that images have shown so far, where the camera does not say what is beyond it."""

@@ -106,9 +106,11 @@ def make_robot(
 
     if idle := config.without_effect:
         _logger.warning(
-            "%s: without effect on what is observed where sensor.depth is %s, the pose is %s and so many move: %d.",
+            "%s: without effect on what is observed where sensor.depth is %s, sensor.odometry_slip_share %g, "
+            "the pose is %s and so many move: %d.",
             ", ".join(idle),
             config.sensor.depth,
+            config.sensor.odometry_slip_share,
             config.pose,
             config.people.num_bodies,
         )

@@ -20,7 +20,7 @@ DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry", "slam")
 LARGEST_SEED = 2**63 - 1
 IDEAL = "ideal"
-_ODOMETRY = ("odometry_alpha", "odometry_radius_error", "odometry_yaw_bias_deg_per_m", "odometry_slips")
+_ODOMETRY = ("odometry_alpha", "odometry_radius_error", "odometry_yaw_bias_deg_per_m", "odometry_slip_share")
 
 
 class Reality(NamedTuple):

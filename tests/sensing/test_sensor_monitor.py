@@ -9,8 +9,8 @@ from anm_mj.frames import move_pose
 from anm_mj.sensing.expected_view import expected_view
 from anm_mj.sensing.pixel_state import find_outliers
 from anm_mj.sensing.sensor_monitor import (
+    FULL_TURN_FRAMES,
     LEAST_RANGE_M,
-    MOST_EMPTY_FRAMES,
     PATIENCE_FRAMES,
     RANGE_FRAMES,
     SensorMonitor,
@@ -20,6 +20,8 @@ from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
 from tests.fake_robot import FakeRobot, ListRecorder
 from tests.planning.worlds import room
 from tests.test_explore import Scripted, straight_to
+
+MOST_EMPTY_FRAMES = PATIENCE_FRAMES + FULL_TURN_FRAMES
 
 
 class FaultyRobot(FakeRobot):
@@ -101,6 +103,20 @@ def test_a_robot_without_depth_looks_around_whatever_its_policy_looks_at(is_dead
     assert set(actions[PATIENCE_FRAMES : PATIENCE_FRAMES + 6]) == {Action.TURN_LEFT}
     # Where it was before, the map expects depth: the camera is dead before the turn is whole.
     assert len(actions) < MOST_EMPTY_FRAMES if is_dead else len(actions) == 100
+
+
+def test_a_robot_that_has_looked_around_may_go_on_into_what_it_sees_nothing_of():
+    """Twice in a row: the way leads for 1.5 m through a sector of 200 degrees without any depth."""
+    world = room(5, 4, unknown=[(1.4, 0.0, 5.4, 4.4)])
+
+    def change(seen):
+        return with_depth(np.inf)(seen) if math.cos(seen.pose.yaw_rad) > -0.17 else seen
+
+    robot, recorder = FaultyRobot(world, Pose2(1.2, 1.5, 0.0), change, 1), ListRecorder()
+    outcome = explore(robot, world, Scripted(straight_to(3.6, 1.5)), num_steps=50, observers=(recorder,))
+    actions = [result.action for _, result, *_ in recorder.steps]
+    assert outcome.stop_reason is StopReason.BUDGET
+    assert actions.count(Action.MOVE_FORWARD) > 25
 
 
 def test_a_wall_too_near_to_be_measured_is_not_expected():

@@ -37,7 +37,7 @@ class NoisyOdometry:
         self._alpha = scaled.odometry_alpha
         self._scale = 1.0 + scaled.odometry_radius_error
         self._bias_rad_per_m = math.radians(scaled.odometry_yaw_bias_deg_per_m)
-        self._slips, self._slip_m = scaled.odometry_slips, scaled.odometry_slip_m
+        self._slips, self._slip_m = scaled.odometry_slip_share, scaled.odometry_slip_m
         self._slip_rad = math.radians(scaled.odometry_slip_deg)
         is_regular = not any(self._alpha) and self._scale == 1.0 and self._bias_rad_per_m == 0.0
         self._is_exact = is_regular and self._slips == 0.0

@@ -20,7 +20,7 @@ _READ_BY = {
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
 _DEVIATIONS = ("lateral_sigma_px", "subpixel_sigma_px", "tof_sigma_m", "tof_scale_error", "color_sigma")
 _DEVIATIONS += ("exposure_sigma", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
-_PROBABILITIES = ("edge_missing", "flying_share", "odometry_slips")
+_PROBABILITIES = ("edge_missing", "flying_share", "odometry_slip_share")
 _VARIANCES = ("color_gain", "odometry_alpha")
 _from_zero = functools.partial(setting, at_least=0.0, at_most=1e9)
 
@@ -95,7 +95,7 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     odometry_yaw_bias_deg_per_m: float = setting(0.0, at_least=-90.0, at_most=90.0)
     """Systematic error of wheel odometry: its heading turns to the left by this much with every metre driven [deg/m],
     as with wheels of unequal radius."""
-    odometry_slips: float = _from_zero(0.0, at_most=1.0)
+    odometry_slip_share: float = _from_zero(0.0, at_most=1.0)
     """Share of actions during which wheels spin, as beside an obstacle that they push against: the reading of odometry
     is then wrong by ``odometry_slip_m`` and ``odometry_slip_deg``, far more than it usually errs."""
     odometry_slip_m: float = _from_zero(0.1)
@@ -147,7 +147,7 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
         """
         usual = SENSORS.get(self.name, SensorConfig())
         unread = set[str]().union(*(names for model, names in _READ_BY.items() if self.depth not in model))
-        unread.update(("odometry_slip_m", "odometry_slip_deg") if self.odometry_slips == 0.0 else ())
+        unread.update(("odometry_slip_m", "odometry_slip_deg") if self.odometry_slip_share == 0.0 else ())
         return tuple(name for name in sorted(unread) if getattr(self, name) != getattr(usual, name))
 
     def scaled(self) -> SensorConfig:

@@ -30,7 +30,7 @@ def motions(config: SensorConfig, *, num: int, forward_m: float = FORWARD_STEP_M
 @pytest.mark.parametrize("parts", [1, 5])
 def test_a_share_of_the_actions_is_read_wrong_by_far(parts):
     """However often odometry is read meanwhile."""
-    config = SensorConfig(odometry_slips=0.1, odometry_slip_m=0.08, odometry_slip_deg=20.0)
+    config = SensorConfig(odometry_slip_share=0.1, odometry_slip_m=0.08, odometry_slip_deg=20.0)
     read = motions(config, num=2000 * parts, forward_m=FORWARD_STEP_M / parts)
     off = read - [FORWARD_STEP_M / parts, 0.0, 0.0]
     slipped = np.abs(off).max(axis=1) > 1e-9
@@ -42,14 +42,14 @@ def test_a_share_of_the_actions_is_read_wrong_by_far(parts):
 
 def test_slips_leave_the_other_noise_alone():
     usual = motions(SensorConfig(odometry_alpha=ALPHA), num=300)
-    slipped = motions(SensorConfig(odometry_alpha=ALPHA, odometry_slips=0.1), num=300)
+    slipped = motions(SensorConfig(odometry_alpha=ALPHA, odometry_slip_share=0.1), num=300)
     same = np.isclose(usual, slipped, atol=1e-12).all(axis=1)
     assert 0.8 < same.mean() < 0.97
 
 
 def test_sizes_of_slips_say_nothing_of_wheels_that_never_slip():
     assert SensorConfig(odometry_slip_deg=10.0).without_effect == ("odometry_slip_deg",)
-    assert SensorConfig(odometry_slips=0.1, odometry_slip_deg=10.0).without_effect == ()
-    with pytest.raises(RobotError, match="odometry_slips"):
-        SensorConfig(odometry_slips=1.5)
-    assert SensorConfig(odometry_slips=0.6, noise_scale=2.0).scaled().odometry_slips == 1.0
+    assert SensorConfig(odometry_slip_share=0.1, odometry_slip_deg=10.0).without_effect == ()
+    with pytest.raises(RobotError, match="odometry_slip_share"):
+        SensorConfig(odometry_slip_share=1.5)
+    assert SensorConfig(odometry_slip_share=0.6, noise_scale=2.0).scaled().odometry_slip_share == 1.0
