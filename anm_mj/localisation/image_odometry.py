@@ -21,6 +21,8 @@ _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
 _LEAST_DOUBT = np.array([0.05] * 3 + [0.1] * 3)
 """Standard deviations [m, rad] of a motion that no odometry measured, at least: a camera may begin to move."""
+_CLEARLY = 0.97
+"""A motion that odometry did not measure fits so much better, as a share."""
 _SURE_FIT = 0.9
 """An image that fits so well leaves no doubt."""
 
@@ -77,8 +79,11 @@ class ImageOdometry:
             found = max((each for each in (found, still) if each), key=lambda each: each.fit, default=None)
         followed = None if found is None else _with_motion(prior, believed, found)
         if self._has_odometry and prior.is_planar and doubtful and (found is None or found.fit < _SURE_FIT):
-            every = [*([followed] if followed else []), *self.follow_slip(compared, prior)]
-            return max(every, key=lambda each: self.fit(compared, each.T_world_camera), default=None)
+            usual = self.fit(compared, (followed or prior).T_world_camera)
+            slipped = next(iter(self.follow_slip(compared, prior)), None)
+            # Along a plain wall all motions fit alike, and odometry stands.
+            if slipped is not None and not usual >= _CLEARLY * self.fit(compared, slipped.T_world_camera):
+                return slipped
         return followed
 
     def follow_slip(self, compared: FrameToImages, prior: Prior) -> list[Prior]:

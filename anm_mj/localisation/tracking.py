@@ -10,7 +10,6 @@ from enum import Enum
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
 from anm_mj.localisation.frame_to_images import FrameToImages
 from anm_mj.localisation.image_odometry import ImageOdometry, any_motion
@@ -174,18 +173,19 @@ class Tracker:
             strict, floor = max(usual, like_recent), _UNMEASURED_SHARE * usual
         judge = partial(self._judged, problem.points, expected=prior)
         tracked = judge(prior, found, least_score=least, least_known_score=strict)
-        if self._has_odometry and problem.prior.is_planar and compared is not None and confirmed is None:
+        has_wheels = self._has_odometry and problem.prior.is_planar
+        if has_wheels and compared is not None and confirmed is None:
             tracked = self._with_image_fit(tracked, compared)
             fits = tracked.verdict is Verdict.FITS
             # After a frame that was mapped nowhere the image of where it was predicted says little.
             is_believed = fits and misfits > 0 and tracked.score >= usual
             if self._may_slip(tracked) and not is_believed:
-                slipped = self._after_slip(
+                there = self._after_slip(
                     problem, tracked, compared, partial(judge, least_score=least if fits else usual)
                 )
-                if slipped is not None:
-                    return slipped
-            elif tracked.verdict is Verdict.JUMPS:
+                if there is not None:
+                    return there
+            elif tracked.verdict is Verdict.JUMPS and self._is_less_like_last(problem.prior, tracked, compared):
                 # The last frame says so, too: it was odometry that jumped.
                 return replace(tracked, verdict=Verdict.FITS, is_followed=True)
         if tracked.verdict is Verdict.FITS:
@@ -193,8 +193,10 @@ class Tracker:
         followed = None
         if compared is not None:
             follow, is_odd = self._image_odometry.follow, tracked.verdict is not Verdict.UNKNOWN
-            followed = None if is_odd else follow(compared, problem.prior, doubtful=False)
-            followed = followed or follow(compared, problem.prior, doubtful=True)
+            followed = follow(compared, problem.prior, doubtful=is_odd)
+            if followed is None and has_wheels and not is_odd:
+                far = follow(compared, problem.prior, doubtful=True)
+                followed = far if far and self._is_like_last(far, compared) else None
         if not self._has_odometry:
             tracked = judge(prior, found, least_score=least, least_known_score=floor)
         if followed is None:
@@ -212,27 +214,30 @@ class Tracker:
     def _after_slip(
         self, problem: RegistrationProblem, tracked: Tracked, compared: FrameToImages, judge: Callable[..., Tracked]
     ) -> Tracked | None:
-        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead; None
-        where they lead nowhere, or to nothing better.
+        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead and
+        where it fits map and last frame; None where there is no such place, and it fitted nowhere before.
         """
-        followed = self._image_odometry.follow_slip(compared, problem.prior)
-        if tracked.verdict is Verdict.UNKNOWN:
-            better = [each for each in followed if self._is_like_last(compared, each.T_world_camera)]
-            return replace(tracked, prior=better[0], is_followed=True) if better else None
-        found = list[Tracked]()
+        followed, fitting = self._image_odometry.follow_slip(compared, problem.prior), list[Tracked]()
         for prior in followed:
             # That image has its say in the registration, and none twice.
             covariance = problem.prior.covariance + any_motion(problem.prior)
             there = replace(problem.prior, T_world_camera=prior.T_world_camera, covariance=covariance)
             new = judge(there, register(replace(problem, prior=there)), least_known_score=0.0)
-            found.append(replace(self._with_image_fit(new, compared), prior=prior, is_followed=True))
-        fitting = [each for each in found if each.verdict is Verdict.FITS]
-        if tracked.verdict is not Verdict.FITS:
-            # Where the map is wrong all along, images hold.
-            return max(fitting, key=self._evidence, default=found[0] if found else None)
-        best = max(fitting, key=self._evidence, default=tracked)
-        is_better = _LIKE_LAST * self._evidence(best) > self._evidence(tracked)
-        return best if is_better else replace(tracked, is_followed=bool(followed))
+            new = self._with_image_fit(replace(new, prior=prior, is_followed=True), compared)
+            if new.verdict is Verdict.FITS and not math.isnan(new.image_fit):
+                fitting.append(new)
+        best = max(fitting, key=self._evidence, default=None)
+        if tracked.verdict is Verdict.FITS:
+            if best is not None and _LIKE_LAST * self._evidence(best) > self._evidence(tracked):
+                return best
+            is_unlike = not tracked.image_fit >= self.history.least_image_fit
+            if best is None and is_unlike and followed and self._is_like_last(followed[0], compared):
+                # It fits where it cannot be, and not where it is.
+                return replace(tracked, verdict=Verdict.CONTRADICTS, prior=followed[0], is_followed=True)
+            return tracked
+        if best is not None and tracked.verdict is Verdict.UNKNOWN:
+            return best if best.image_fit >= self.history.least_image_fit else None
+        return best
 
     def _with_image_fit(self, tracked: Tracked, compared: FrameToImages) -> Tracked:
         """The same with what the last frame says."""
@@ -246,8 +251,13 @@ class Tracker:
         is_known = tracked.verdict is not Verdict.UNKNOWN
         return (is_known and is_low) or not tracked.image_fit >= self.history.least_image_fit
 
-    def _is_like_last(self, compared: FrameToImages, T_world_camera: Float[np.ndarray, "4 4"]) -> bool:
-        return self._image_odometry.fit(compared, T_world_camera) >= self.history.least_image_fit
+    def _is_like_last(self, place: Prior, compared: FrameToImages) -> bool:
+        """Whether a frame at a place fits the last one as well as usual."""
+        return self._image_odometry.fit(compared, place.T_world_camera) >= self.history.least_image_fit
+
+    def _is_less_like_last(self, place: Prior, tracked: Tracked, compared: FrameToImages) -> bool:
+        """Whether a frame fits the last one clearly less well at a place than where it was found."""
+        return not self._image_odometry.fit(compared, place.T_world_camera) >= _LIKE_LAST * tracked.image_fit
 
     def _evidence(self, tracked: Tracked) -> float:
         """How much map and last frame together say that a frame is where it is, in [0, 1]. One that should not see what

@@ -20,7 +20,8 @@ DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry", "slam")
 LARGEST_SEED = 2**63 - 1
 IDEAL = "ideal"
-_ODOMETRY = ("odometry_alpha", "odometry_radius_error", "odometry_yaw_bias_deg_per_m", "odometry_slip_share")
+_ODOMETRY = ("odometry_alpha", "odometry_radius_error", "odometry_yaw_bias_deg_per_m")
+_ODOMETRY += ("odometry_slip_share", "odometry_slip_m", "odometry_slip_deg")
 
 
 class Reality(NamedTuple):
@@ -117,7 +118,7 @@ class SimulationConfig:
             names = [entry.name for entry in fields(PeopleConfig)]
             idle += [f"people.{name}" for name in names if getattr(self.people, name) != getattr(nobody, name)]
         begins_with = {f"{group}.{name}" for group, own in REALITIES[self.reality].settings.items() for name in own}
-        return tuple(name for name in idle if name not in begins_with)
+        return tuple(name for name in dict.fromkeys(idle) if name not in begins_with)
 
     @property
     def start_pose(self) -> Pose2 | None:

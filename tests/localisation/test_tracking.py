@@ -90,26 +90,56 @@ def tracked(prior: Prior, after_far: Prior | None) -> Tracked:
     return tracker.track(problem, after_far, None, np.random.default_rng(0), misfits=1)
 
 
-@pytest.mark.parametrize(("fit_there", "is_moved"), [(0.9, False), (0.8, True), (math.nan, True)])
-def test_a_frame_unlike_the_last_one_is_where_images_lead_along_the_wall(fit_there: float, is_moved: bool) -> None:
-    """The wall fits wherever x is 0, and would never tell that the robot stands 0.3 m beside where odometry has it."""
+def tracked_with(images: Mock, prior: Prior) -> Tracked:
+    """A frame that the wall puts at x = 0, after some that fitted the map and each other by 0.9."""
     settings = RegistrationConfig(color_deviation=0.0)
-    images, there = Mock(spec=ImageOdometry), np.eye(4)
-    there[1, 3] = 0.3
-    images.fit.side_effect = lambda _, T: 0.9 if T[1, 3] > 0.2 else fit_there
-    images.follow_slip.return_value = [replace(prior_at(0.0), T_world_camera=there)]
     tracker = Tracker(LocalisationConfig(registration=settings), Wall(), images, has_odometry=True)
     for _ in range(3):
         tracker.history.add(1.0, 0.9, 0.9)
     camera = np.random.default_rng(0).random((300, 3)).astype(np.float32)
     frame = FramePoints(camera, camera, np.zeros(300, np.float32), np.ones(300, np.float32))
-    problem = RegistrationProblem(frame, prior_at(0.0), tracker._probe, settings)
-    found = tracker.track(problem, None, Mock(spec=FrameToImages), np.random.default_rng(0), misfits=0)
+    problem = RegistrationProblem(frame, prior, tracker._probe, settings)
+    return tracker.track(problem, None, Mock(spec=FrameToImages), np.random.default_rng(0), misfits=0)
+
+
+@pytest.mark.parametrize(("fit_there", "is_moved"), [(0.9, False), (0.8, True), (math.nan, True)])
+def test_a_frame_unlike_the_last_one_is_where_images_lead_along_the_wall(fit_there: float, is_moved: bool) -> None:
+    """The wall fits wherever x is 0, and would never tell that the robot stands 0.3 m beside where odometry has it."""
+    images, there = Mock(spec=ImageOdometry), np.eye(4)
+    there[1, 3] = 0.3
+    images.fit.side_effect = lambda _, T: 0.9 if T[1, 3] > 0.2 else fit_there
+    images.follow_slip.return_value = [replace(prior_at(0.0), T_world_camera=there)]
+    found = tracked_with(images, prior_at(0.0))
     assert found.verdict is Verdict.FITS
     assert found.is_followed is is_moved
     assert found.found.T_world_camera[1, 3] == pytest.approx(0.3 * is_moved, abs=0.01)
     # How far odometry was off is learnt from what odometry said.
     assert found.expected.T_world_camera[1, 3] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("fit_of_prior", "expected"), [(0.5, Verdict.FITS), (math.nan, Verdict.FITS), (0.9, Verdict.JUMPS)]
+)
+def test_a_jump_is_believed_at_once_where_the_last_image_tells_it_from_its_prior(
+    fit_of_prior: float, expected: Verdict
+) -> None:
+    """Odometry slips by 10 cm. Along a plain wall an image tells nothing, and odometry stands."""
+    images = Mock(spec=ImageOdometry)
+    images.fit.side_effect = lambda _, T: 0.9 if abs(T[0, 3]) < 0.05 else fit_of_prior
+    images.follow.return_value = None
+    found = tracked_with(images, prior_at(0.1))
+    assert found.verdict is expected
+    assert abs(found.found.T_world_camera[0, 3]) < 0.02
+    images.follow_slip.assert_not_called()
+
+
+def test_a_frame_that_images_lead_nowhere_keeps_the_place_that_the_map_gives_it() -> None:
+    images = Mock(spec=ImageOdometry)
+    images.fit.return_value = 0.5
+    images.follow_slip.return_value = []
+    found = tracked_with(images, prior_at(0.0))
+    assert found.verdict is Verdict.FITS
+    assert not found.is_followed
 
 
 def test_a_frame_far_from_its_prior_is_a_jump_until_the_next_one_confirms_it() -> None:
