@@ -92,7 +92,7 @@ def test_open_edges_are_no_fault_but_a_dead_camera_is(tmp_path, caplog, monkeypa
         return seen
 
     monkeypatch.setattr(SimRobot, "observe", observe_or_not)
-    config = configuration(scene.folder, steps=45, start=(0.0, 0.0, 180.0))
+    config = configuration(scene.folder, steps=60, start=(0.0, 0.0, 180.0))
     _, metrics = anm_mj.run.run(config, out=tmp_path / "run")
     if blind_from is None:
         assert metrics.stop_reason != "SENSOR_FAULT"
