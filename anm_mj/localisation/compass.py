@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from anm_mj.localisation.localisation_config import CompassConfig
-from anm_mj.localisation.registration import PLANAR, Prior
+from anm_mj.localisation.registration import Prior, is_planar
 from anm_mj.localisation.wall_directions import Headings, turned_rad, wall_directions
 from anm_mj.types import Observation
 
@@ -50,7 +50,7 @@ class WallCompass:
     def __init__(self, config: CompassConfig, basis: Float64[np.ndarray, "6 k"]) -> None:
         """Before any frame; without ``PLANAR`` directions of motion it says nothing."""
         self._config = config
-        self._is_on = config.is_on and np.array_equal(basis, PLANAR)
+        self._is_on = config.is_on and is_planar(basis)
         self._directions: list[_Direction] = []
         self._seen: tuple[Float[np.ndarray, "4 4"], list[tuple[float, float]]] | None = None
         """Of the last frame: a pose, and angles of walls as seen from it, with what noise makes of them [rad]."""

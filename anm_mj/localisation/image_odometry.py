@@ -3,7 +3,7 @@ fits worse than the last ones did, or shows what the map knows nothing of.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,8 +21,8 @@ _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
 _LEAST_DOUBT = np.array([0.05] * 3 + [0.1] * 3)
 """Standard deviations [m, rad] of a motion that no odometry measured, at least: a camera may begin to move."""
-_CLEARLY = 0.97
-"""A motion that odometry did not measure fits so much better, as a share."""
+CLEARLY = 0.97
+"""What fits less than this share as well as something else fits clearly worse."""
 _SURE_FIT = 0.9
 """An image that fits so well leaves no doubt."""
 
@@ -63,10 +63,13 @@ class ImageOdometry:
         grays = 1.0 - sums.mean_gray_cost / gray_kernel**2 if alone.has_gray else 1.0
         return grays * sums.fit(graph.kernel)
 
-    def follow(self, compared: FrameToImages, prior: Prior, *, doubtful: bool) -> Prior | None:
+    def follow(
+        self, compared: FrameToImages, prior: Prior, *, doubtful: bool, slips: Sequence[Prior] | None = None
+    ) -> Prior | None:
         """The prior of a frame with the motion that its image and the last one show in place of the expected one, which
         may be farther off than its covariance says where it is ``doubtful``, or no odometry measured it. None where the
-        images show too little of each other, or do not fit.
+        images show too little of each other, or do not fit. Wheels whose motion is in doubt may have slipped; ``slips``
+        is what :meth:`follow_slip` said of that, None = it was not asked.
         """
         if self._last is None or prior.motion_covariance is None:
             return None
@@ -80,9 +83,9 @@ class ImageOdometry:
         followed = None if found is None else _with_motion(prior, believed, found)
         if self._has_odometry and prior.is_planar and doubtful and (found is None or found.fit < _SURE_FIT):
             usual = self.fit(compared, (followed or prior).T_world_camera)
-            slipped = next(iter(self.follow_slip(compared, prior)), None)
+            slipped = next(iter(self.follow_slip(compared, prior) if slips is None else slips), None)
             # Along a plain wall all motions fit alike, and odometry stands.
-            if slipped is not None and not usual >= _CLEARLY * self.fit(compared, slipped.T_world_camera):
+            if slipped is not None and not usual >= CLEARLY * self.fit(compared, slipped.T_world_camera):
                 return slipped
         return followed
 

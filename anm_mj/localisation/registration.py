@@ -38,6 +38,11 @@ class Fit(NamedTuple):
     """Of these points among all."""
 
 
+def is_planar(basis: Float64[np.ndarray, "6 k"]) -> bool:
+    """Whether these directions of motion, as of :class:`Prior`, are those of a base on a floor."""
+    return np.array_equal(basis, PLANAR)
+
+
 @dataclass(frozen=True)
 class Prior:
     """What is known of a camera's pose before its frame is looked at."""
@@ -54,8 +59,8 @@ class Prior:
 
     @property
     def is_planar(self) -> bool:
-        """Whether the camera moves with a base on a floor, so that wheels tell its motion."""
-        return len(self.covariance) < len(self.basis)
+        """Whether the camera moves with a base on a floor."""
+        return is_planar(self.basis)
 
     @property
     def deviations(self) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level
 from anm_mj.localisation.floor_plane import pose_above_floor
 from anm_mj.localisation.localisation_config import LocalisationConfig, RelocalisationConfig
 from anm_mj.localisation.map_probe import Agreement, MapProbe
-from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
+from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, is_planar, register
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import FramePoints
 
@@ -75,7 +75,7 @@ class Relocaliser:
         """Start without any hypothesis, in a map; ``basis`` as of :class:`~.registration.Prior`."""
         self.config = config
         self._basis, self._probe = basis, probe
-        self._is_free = basis.shape[1] == len(basis)
+        self._is_free = not is_planar(basis)
         self.hypotheses: list[Hypothesis] = []
         self._past: list[_PastFrame] = []
         """The last frames that were looked at, the present one included."""

@@ -4,7 +4,7 @@ than usual may be in a wrong place.
 
 import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from anm_mj.localisation.frame_to_images import FrameToImages
-from anm_mj.localisation.image_odometry import ImageOdometry, any_motion
+from anm_mj.localisation.image_odometry import CLEARLY, ImageOdometry, any_motion
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.registration import Prior, Registration, RegistrationProblem, register
@@ -24,12 +24,10 @@ _FRAMES = 20
 """So many frames say what is usual,"""
 _RECENT = 3
 """and so many what frames score just now: where much is new, less than usual."""
-_LIKE_LAST = 0.97
-"""A frame fits the last one at least this share of how well the last ones did,"""
 _SURE_IMAGE_FIT = 0.9
-"""and the first of all so well."""
+"""The first frame that is held against one before fits it so well, where it is."""
 _UNSEEN = 0.95
-"""What a frame that shows too little of the last one has of that."""
+"""What a frame that shows too little of the last one has of the least that fits it."""
 _UNMEASURED_SHARE = 0.6
 """Where no odometry measures motions, a frame scores at least this share of what a place is believed from."""
 
@@ -79,7 +77,7 @@ class FitHistory:
         """A frame that fits the last one less well is somewhere else."""
         if not self._image_fits:
             return _SURE_IMAGE_FIT
-        return _LIKE_LAST * statistics.median(self._image_fits[-_RECENT:])
+        return CLEARLY * statistics.median(self._image_fits[-_RECENT:])
 
 
 def judged(
@@ -173,16 +171,16 @@ class Tracker:
             strict, floor = max(usual, like_recent), _UNMEASURED_SHARE * usual
         judge = partial(self._judged, problem.points, expected=prior)
         tracked = judge(prior, found, least_score=least, least_known_score=strict)
-        has_wheels = self._has_odometry and problem.prior.is_planar
+        has_wheels, slips = self._has_odometry and problem.prior.is_planar, None
         if has_wheels and compared is not None and confirmed is None:
             tracked = self._with_image_fit(tracked, compared)
             fits = tracked.verdict is Verdict.FITS
             # After a frame that was mapped nowhere the image of where it was predicted says little.
             is_believed = fits and misfits > 0 and tracked.score >= usual
             if self._may_slip(tracked) and not is_believed:
-                there = self._after_slip(
-                    problem, tracked, compared, partial(judge, least_score=least if fits else usual)
-                )
+                slips = self._image_odometry.follow_slip(compared, problem.prior)
+                strictly = partial(judge, least_score=least if fits else usual)
+                there = self._after_slip(problem, tracked, compared, slips, strictly)
                 if there is not None:
                     return there
             elif tracked.verdict is Verdict.JUMPS and self._is_less_like_last(problem.prior, tracked, compared):
@@ -192,10 +190,11 @@ class Tracker:
             return tracked
         followed = None
         if compared is not None:
-            follow, is_odd = self._image_odometry.follow, tracked.verdict is not Verdict.UNKNOWN
-            followed = follow(compared, problem.prior, doubtful=is_odd)
+            follow = partial(self._image_odometry.follow, compared, problem.prior, slips=slips)
+            is_odd = tracked.verdict is not Verdict.UNKNOWN
+            followed = follow(doubtful=is_odd)
             if followed is None and has_wheels and not is_odd:
-                far = follow(compared, problem.prior, doubtful=True)
+                far = follow(doubtful=True)
                 followed = far if far and self._is_like_last(far, compared) else None
         if not self._has_odometry:
             tracked = judge(prior, found, least_score=least, least_known_score=floor)
@@ -212,13 +211,19 @@ class Tracker:
         return replace(new, prior=followed, is_followed=True)
 
     def _after_slip(
-        self, problem: RegistrationProblem, tracked: Tracked, compared: FrameToImages, judge: Callable[..., Tracked]
+        self,
+        problem: RegistrationProblem,
+        tracked: Tracked,
+        compared: FrameToImages,
+        slips: Sequence[Prior],
+        judge: Callable[..., Tracked],
     ) -> Tracked | None:
-        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead and
-        where it fits map and last frame; None where there is no such place, and it fitted nowhere before.
+        """A frame that may have been looked for in a wrong place, at the likeliest of all to which images lead,
+        ``slips``, and where it fits map and last frame; None where there is no such place, and it fitted nowhere
+        before.
         """
-        followed, fitting = self._image_odometry.follow_slip(compared, problem.prior), list[Tracked]()
-        for prior in followed:
+        fitting = list[Tracked]()
+        for prior in slips:
             # That image has its say in the registration, and none twice.
             covariance = problem.prior.covariance + any_motion(problem.prior)
             there = replace(problem.prior, T_world_camera=prior.T_world_camera, covariance=covariance)
@@ -228,12 +233,12 @@ class Tracker:
                 fitting.append(new)
         best = max(fitting, key=self._evidence, default=None)
         if tracked.verdict is Verdict.FITS:
-            if best is not None and _LIKE_LAST * self._evidence(best) > self._evidence(tracked):
+            if best is not None and CLEARLY * self._evidence(best) > self._evidence(tracked):
                 return best
             is_unlike = not tracked.image_fit >= self.history.least_image_fit
-            if best is None and is_unlike and followed and self._is_like_last(followed[0], compared):
+            if best is None and is_unlike and slips and self._is_like_last(slips[0], compared):
                 # It fits where it cannot be, and not where it is.
-                return replace(tracked, verdict=Verdict.CONTRADICTS, prior=followed[0], is_followed=True)
+                return replace(tracked, verdict=Verdict.CONTRADICTS, prior=slips[0], is_followed=True)
             return tracked
         if best is not None and tracked.verdict is Verdict.UNKNOWN:
             return best if best.image_fit >= self.history.least_image_fit else None
@@ -257,7 +262,7 @@ class Tracker:
 
     def _is_less_like_last(self, place: Prior, tracked: Tracked, compared: FrameToImages) -> bool:
         """Whether a frame fits the last one clearly less well at a place than where it was found."""
-        return not self._image_odometry.fit(compared, place.T_world_camera) >= _LIKE_LAST * tracked.image_fit
+        return not self._image_odometry.fit(compared, place.T_world_camera) >= CLEARLY * tracked.image_fit
 
     def _evidence(self, tracked: Tracked) -> float:
         """How much map and last frame together say that a frame is where it is, in [0, 1]. One that should not see what

@@ -90,10 +90,28 @@ def tracked(prior: Prior, after_far: Prior | None) -> Tracked:
     return tracker.track(problem, after_far, None, np.random.default_rng(0), misfits=1)
 
 
-def tracked_with(images: Mock, prior: Prior) -> Tracked:
+class DoorMoved(Wall):
+    """The same, where from y = 0.2 on what is seen is not as it was."""
+
+    def agreement(self, points: FramePoints, T_world_camera: np.ndarray) -> Agreement:
+        is_there = np.full(len(points), abs(T_world_camera[0, 3]) < 0.02 and T_world_camera[1, 3] < 0.2)
+        return Agreement(is_there, ~is_there)
+
+
+class Unknown(Wall):
+    """A map that knows nothing of what is seen."""
+
+    def agreement(self, points: FramePoints, T_world_camera: np.ndarray) -> Agreement:
+        return Agreement(np.zeros(len(points), bool), np.zeros(len(points), bool))
+
+    def known(self, points_m: np.ndarray) -> np.ndarray:
+        return np.zeros(len(points_m), bool)
+
+
+def tracked_with(images: Mock, prior: Prior, probe: type[Wall] = Wall) -> Tracked:
     """A frame that the wall puts at x = 0, after some that fitted the map and each other by 0.9."""
     settings = RegistrationConfig(color_deviation=0.0)
-    tracker = Tracker(LocalisationConfig(registration=settings), Wall(), images, has_odometry=True)
+    tracker = Tracker(LocalisationConfig(registration=settings), probe(), images, has_odometry=True)
     for _ in range(3):
         tracker.history.add(1.0, 0.9, 0.9)
     camera = np.random.default_rng(0).random((300, 3)).astype(np.float32)
@@ -131,6 +149,28 @@ def test_a_jump_is_believed_at_once_where_the_last_image_tells_it_from_its_prior
     assert found.verdict is expected
     assert abs(found.found.T_world_camera[0, 3]) < 0.02
     images.follow_slip.assert_not_called()
+
+
+def test_a_frame_that_fits_where_the_last_image_says_it_cannot_be_is_not_mapped() -> None:
+    images, there = Mock(spec=ImageOdometry), np.eye(4)
+    there[1, 3] = 0.3
+    images.fit.side_effect = lambda _, T: 0.9 if T[1, 3] > 0.2 else math.nan
+    images.follow_slip.return_value = [replace(prior_at(0.0), T_world_camera=there)]
+    found = tracked_with(images, prior_at(0.0), DoorMoved)
+    assert found.verdict is Verdict.CONTRADICTS
+    np.testing.assert_array_equal(found.prior.T_world_camera, there)
+
+
+@pytest.mark.parametrize(("fit_there", "is_moved"), [(0.9, True), (0.8, False)])
+def test_before_unknown_surface_images_tell_a_far_motion_only_if_they_fit_as_usual(
+    fit_there: float, is_moved: bool
+) -> None:
+    images, far = Mock(spec=ImageOdometry), prior_at(0.3)
+    images.fit.side_effect = lambda _, T: fit_there if T[0, 3] > 0.2 else 0.9
+    images.follow.side_effect = lambda *_, doubtful, **__: far if doubtful else None
+    found = tracked_with(images, prior_at(0.0), Unknown)
+    assert found.verdict is Verdict.UNKNOWN
+    assert (found.prior is far) == found.is_followed == is_moved
 
 
 def test_a_frame_that_images_lead_nowhere_keeps_the_place_that_the_map_gives_it() -> None:

@@ -106,7 +106,7 @@ def test_a_robot_without_depth_looks_around_whatever_its_policy_looks_at(is_dead
 
 
 def test_a_robot_that_has_looked_around_may_go_on_into_what_it_sees_nothing_of():
-    """Twice in a row: the way leads for 1.5 m through a sector of 200 degrees without any depth."""
+    """The way leads through a sector of 200 degrees without any depth; each look around would turn it back."""
     world = room(5, 4, unknown=[(1.4, 0.0, 5.4, 4.4)])
 
     def change(seen):
