@@ -179,7 +179,9 @@ class Policy(Protocol):
     """Decides where to go and look next."""
 
     def observe(self, observation: Observation) -> None:
-        """Take in an observation; the first one comes before any action, one more after every action."""
+        """Take in an observation: the first one comes before any action, one more after every action whose pose is good
+        enough for the map.
+        """
         ...
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:

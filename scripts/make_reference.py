@@ -10,6 +10,7 @@ test compares both with the code.
 import ast
 import inspect
 import textwrap
+from collections.abc import Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ from anm_mj.types import (
     VoronoiGraph,
 )
 from anm_mj.utils.docstrings import field_texts, parameter_texts
+from anm_mj.utils.settings import Settings, limits_of
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 HEAD = """# Settings, metrics, keys
@@ -47,6 +49,9 @@ Made from the code by `python scripts/make_reference.py`; edit the docstrings, n
 defined in [conventions.md](conventions.md).
 """
 
+
+HEAD_OF_TYPES = ("name", "default or type", "meaning")
+HEAD_OF_SETTINGS = ("name", "default", "range", "meaning")
 
 COMMANDS_HEAD = """# Commands
 
@@ -111,19 +116,23 @@ def reference() -> str:
     config = make_config("default", [], scene="home")
     names = "planning", "mapping", "localisation", "people", "model", "camera", "sensor", "record", "checkpoint"
     groups = [name for name in names if is_dataclass(getattr(config, name))]
-    parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
-    about = "Fields of a run; all but `image_px` have options of their own."
-    parts.append(_section("Run", about, _rows(config, "", nested=False)))
-    parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]
-    parts.append(_section("`ros.*`", "Of `anm-mj drive`: [ros.md](ros.md).", _rows(RosConfig(), "ros.")))
+    text = (
+        "Given with `--set NAME=VALUE`, but for the fields of a run; `config.json` of a run holds all. A number "
+        "must be above zero and at most a million where no other range is named."
+    )
+    parts = [HEAD, f"## Settings\n\n{text}\n"]
+    about = "Given by options of their own; `image_px` by `--set`."
+    run = [(name, default, meaning) for name, default, _, meaning in _rows(config, "", nested=False)]
+    parts.append(_section("Run", about, run))
+    parts += [_settings(f"`{group}.*`", "", getattr(config, group), f"{group}.") for group in groups]
+    parts.append(_settings("`ros.*`", "Of `anm-mj drive`: [ros.md](ros.md).", RosConfig(), "ros."))
     known: dict[type, list[str]] = {}
     for name in policies():
         known.setdefault(getattr(policy_class(name), "Config", object), []).append(name)
     for settings, names in known.items():
-        if is_dataclass(settings):
-            rows = _rows(settings(), "policy.")
-            if rows:
-                parts.append(_section(f"`policy.*` of {', '.join(f'`{name}`' for name in names)}", "", rows))
+        if is_dataclass(settings) and fields(settings):
+            title = f"`policy.*` of {', '.join(f'`{name}`' for name in names)}"
+            parts.append(_settings(title, "", settings(), "policy."))
     parts.append("## Metrics\n\nFields of `metrics.json`; `null` where unknown.\n\n" + _table(_metrics()))
     reasons = [(f"`{name}`", text) for name, text in field_texts(StopReason).items()]
     parts.append("## Stop reasons\n\n`stop_reason` of `metrics.json`.\n\n" + _table(reasons, ("name", "meaning")))
@@ -146,25 +155,31 @@ def reference() -> str:
     return "\n".join(parts)
 
 
-def _section(title: str, text: str, rows: list[tuple[str, str, str]]) -> str:
-    return f"### {title}\n\n" + (f"{text}\n\n" if text else "") + _table(rows)
+def _section(title: str, text: str, rows: Sequence[tuple[str, ...]], head: tuple[str, ...] = HEAD_OF_TYPES) -> str:
+    return f"### {title}\n\n" + (f"{text}\n\n" if text else "") + _table(rows, head)
 
 
-def _table(rows: list[tuple[str, ...]], head: tuple[str, ...] = ("name", "default or type", "meaning")) -> str:
+def _settings(title: str, text: str, config: Any, prefix: str) -> str:
+    """The settings below a configuration."""
+    return _section(title, text, _rows(config, prefix), HEAD_OF_SETTINGS)
+
+
+def _table(rows: Sequence[tuple[str, ...]], head: tuple[str, ...] = HEAD_OF_TYPES) -> str:
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 
-def _rows(config: Any, prefix: str, *, nested: bool = True) -> list[tuple[str, str, str]]:
-    """Name, default and meaning of every setting below a configuration."""
+def _rows(config: Any, prefix: str, *, nested: bool = True) -> list[tuple[str, str, str, str]]:
+    """Name, default, range and meaning of every setting below a configuration."""
     rows = []
     for entry, text in _documented(type(config)):
         value = getattr(config, entry.name)
         if is_dataclass(value):
             rows += _rows(value, f"{prefix}{entry.name}.") if nested else []
         elif nested or entry.name != "policy_settings":
-            rows.append((f"`{prefix}{entry.name}`", f"`{value!r}`" if value is not None else "", text))
+            allowed = limits_of(config, entry.name).text if isinstance(config, Settings) else ""
+            rows.append((f"`{prefix}{entry.name}`", f"`{value!r}`" if value is not None else "", allowed, text))
     return rows
 
 

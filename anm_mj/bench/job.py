@@ -74,6 +74,8 @@ class Job:
     """Whether a map is trained for a policy that asks it nothing, too."""
     robot_hash: str = ""
     """Of the robot's file, where it is none of the catalogue's."""
+    policy_hash: str = ""
+    """Of the module of a policy of the user's own, ``module:Class``."""
     cuts: tuple[tuple[str, Count], ...] = ()
     """Budgets by name that the tables cut the run at [steps]; empty = none but ``steps``."""
 
@@ -89,7 +91,7 @@ class Job:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Its fields without the folders of this machine, which are private; hashes identify scene and robot."""
+        """Its fields without the folders of this machine, which are private; hashes tell scene, robot and policy."""
         return {**asdict(self), "scene": self.scene_name, "robot": Path(self.robot).name}
 
     @property

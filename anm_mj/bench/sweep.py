@@ -18,7 +18,7 @@ from anm_mj.bench.suite import GeneratedScene, ImportedScene, find_imported, pro
 from anm_mj.config import BUDGETS
 from anm_mj.errors import BenchError
 from anm_mj.evaluation.oracle.tour_annealing import MEASURES
-from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.planning.policies.registry import needs_truth, policy_hash
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
@@ -114,7 +114,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
             _require_apart(hashes)
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
-                own = replace(job, robot_hash=hashes[job.robot])
+                own = replace(job, robot_hash=hashes[job.robot], policy_hash=policy_hash(job.policy))
                 jobs[own.name] = own
     return list(jobs.values())
 

@@ -9,7 +9,7 @@ from anm_mj.cli.option_types import refuse_idle
 def evaluate(
     run: Path, *, novel_views: bool = False, halved_intrinsics: bool = False, scene: str | None = None
 ) -> Report:
-    """Recompute the metrics of a run from its folder alone.
+    """Recompute the metrics of a run from its folder alone, and write them anew.
 
     Args:
         run: a run folder

@@ -40,8 +40,8 @@ def run_config(
     Args:
         scene: name from the catalogue, a scene folder, or a file to import
         sensor: errors of the camera (exact by default), in detail by --set sensor.NAME=VALUE
-        target: how a policy of the paper chooses a vertex: hierarchical, best-anchored or random (policy.target=NAME)
-        no_visibility_guidance: neither prefer nor turn to regions (policy.visibility_guidance=false)
+        target: how policy anm-s chooses a vertex: hierarchical, best-anchored or random (policy.target=NAME)
+        no_visibility_guidance: policy anm-s neither prefers nor turns to regions (policy.visibility_guidance=false)
         no_bootstrap: no rotation before the first decision (policy.bootstrap_turns=0)
         people: number of people who walk through the scene (people.number=N)
         keep_images: keep the colour images at full size, for NeRF, splats and COLMAP (record.images=full)

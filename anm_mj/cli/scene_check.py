@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.cli.command_line import Report
-from anm_mj.cli.option_types import NewFile, require_ending
+from anm_mj.cli.option_types import NewFile, Settings, require_ending, require_read
 from anm_mj.cli.scene import scene_facts
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
@@ -19,20 +20,27 @@ _MAX_ONE_SIDED = 0.001
 """Back-face culling is disabled where it changes more than this share of the pixels."""
 
 
-def scene_check(scene: str, *, out: NewFile | None = None) -> Report:
-    """Check whether the robot can use a scene, and draw a contact sheet. The exit status is 1 if it cannot.
+def scene_check(
+    scene: str, *, robot: str = DEFAULT_ROBOT, settings: Settings = (), out: NewFile | None = None
+) -> Report:
+    """Check whether a robot can use a scene, and draw a contact sheet. The exit status is 1 if it cannot.
 
     Args:
         scene: name from the catalogue or a scene folder
+        robot: an MJCF file, or a name (docs/robot.md)
+        settings: a setting of the robot, as in model.camera_pose=0.05,0,0.3,10,60; may be repeated
         out: contact sheet: .png, .pdf or .svg; by default SCENE_check.png in the current folder
     """
     from anm_mj.cli.console import PlainConsole, busy, say_problems
+    from anm_mj.config import DEFAULT_PRESET, make_config
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.folder import load_scene
+    from anm_mj.sim.footprint import footprint_of
     from anm_mj.sim.gl import select_backend
-    from anm_mj.types import DEFAULT_FOOTPRINT
 
     require_ending(out, (".png", ".pdf", ".svg"))
+    config = make_config(DEFAULT_PRESET, list(settings), scene=scene, robot=robot)
+    require_read(settings, "model", "camera", "image_px")
     world = load_scene(scene)
     backend = select_backend()
     from anm_mj.sim.scene_views import CUT_M, SceneViews
@@ -40,7 +48,7 @@ def scene_check(scene: str, *, out: NewFile | None = None) -> Report:
 
     console = PlainConsole()
     with busy(console, "check"):
-        check = check_scene(world, DEFAULT_FOOTPRINT)
+        check = check_scene(world, footprint_of(config))
     console.say(*describe(check))
     with busy(console, "views"):
         views = SceneViews(world, backend)
@@ -74,6 +82,7 @@ def check_facts(check: SceneCheck) -> dict[str, Any]:
     return scene_facts(check.scene) | {
         "has_ceiling": check.scene.has_ceiling,
         "floor_m": check.floor_m,
+        "footprint": check.footprint,
         "textures_px": check.texture_sizes_px,
         "navigable_m2": None if check.area is None else check.area.area_m2,
         "rooms_m2": None if plan is None else plan.area_m2,
@@ -98,6 +107,7 @@ def describe(check: SceneCheck) -> list[str]:
         f"{scene.name}: {scene.num_triangles:,} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m",
         f"textures: {len(check.texture_sizes_px)}, {megapixels:.1f} megapixels, the largest {largest} px",
         f"floor: {floor}, {'with' if scene.has_ceiling else 'no'} ceiling",
+        f"robot: {check.footprint.radius_m:.2f} m in radius, {check.footprint.z_max_m:.2f} m high",
     ]
     if check.area is not None and check.plan is not None:
         cells = np.bincount(check.area.component.ravel())[1:]

@@ -13,12 +13,8 @@ from anm_mj.environments.environment_config import explore_config
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
-from anm_mj.robot.robot_config import DEFAULT_ROBOT
-from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.sim.gl import select_backend
-from anm_mj.sim.simulation_config import SimulationConfig
-from anm_mj.types import DEFAULT_FOOTPRINT, Footprint
+from anm_mj.sim.footprint import footprint_of
 
 TASKS = ("explore",)
 
@@ -74,18 +70,7 @@ def load_environment(
     loaded = [load_scene(name) for name in names]
     scenes = tuple(_shared_scene(one.folder.resolve(), one.hash) for one in loaded)
     simulation = config.simulation
-    return ExploreEnvironment(RobotPhysics(simulation), ExploreTask(scenes, config, _footprint(simulation), seed))
-
-
-def _footprint(config: SimulationConfig) -> Footprint:
-    """The body of a robot, which decides where episodes may start."""
-    path = robot_path(config.robot)
-    if config.robot == DEFAULT_ROBOT:
-        return DEFAULT_FOOTPRINT
-    select_backend()  # MuJoCo, which reads the file, must not be imported before.
-    from anm_mj.sim.describe_file import describe_file
-
-    return describe_file(path, config.model, config.camera, config.image_px).footprint
+    return ExploreEnvironment(RobotPhysics(simulation), ExploreTask(scenes, config, footprint_of(simulation), seed))
 
 
 @functools.lru_cache(maxsize=64)

@@ -36,7 +36,7 @@ class StopReason(StrEnum):
     RETURNED = "RETURNED"
     """The robot is back at its start, because the budget allowed no more than the return."""
     STUCK = "STUCK"
-    """The robot collided again and again without a free step in between."""
+    """The robot collided twelve times on its path without a free step in between."""
     SENSOR_FAULT = "SENSOR_FAULT"
     """The camera stopped measuring: no depth, or the same image again and again."""
     POLICY_ERROR = "POLICY_ERROR"

@@ -16,11 +16,22 @@ _MOST = 1e6
 
 
 @dataclass(frozen=True)
-class _Limits:
+class Limits:
+    """What a field may be; see :func:`setting`."""
+
     at_least: float | None = None
     at_most: float = _MOST
     below: float = math.inf
     choices: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The choices or the range in a few characters; empty where the usual limits hold."""
+        if self.choices:
+            return ", ".join(f"`{choice}`" for choice in self.choices)
+        low = "" if self.at_least is None else f"≥ {self.at_least:g}"
+        high = f"< {self.below:g}" if self.below <= self.at_most else f"≤ {self.at_most:.10g}"
+        return ", ".join(filter(None, (low, "" if self.at_most == _MOST <= self.below else high)))
 
     def hold(self, value: Any) -> bool:
         """Whether a value is one of the choices, or a number, or are all of some numbers, within the limits."""
@@ -57,7 +68,7 @@ def setting(
         below: numbers must be smaller than this.
         choices: the texts allowed; empty = any.
     """
-    return field(default=default, metadata={_LIMITS: _Limits(at_least, at_most, below, choices)})
+    return field(default=default, metadata={_LIMITS: Limits(at_least, at_most, below, choices)})
 
 
 def of_type(config: type, name: str, value: Any) -> Any:
@@ -80,9 +91,15 @@ def _hints(config: type) -> dict[str, Any]:
     return {name: str if get_origin(hint) is Literal else hint for name, hint in hints.items()}
 
 
+def limits_of(config: Any, name: str) -> Limits:
+    """What a field of a configuration may be."""
+    (limits,) = (entry.metadata.get(_LIMITS, Limits()) for entry in fields(config) if entry.name == name)
+    return limits
+
+
 def broken_limits(config: Any, name: str, value: Any) -> str:
     """What a field must be, for a message, where it cannot have a value; else empty."""
-    (limits,) = (entry.metadata.get(_LIMITS, _Limits()) for entry in fields(config) if entry.name == name)
+    limits = limits_of(config, name)
     return "" if limits.hold(value) else str(limits)
 
 

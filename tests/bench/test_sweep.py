@@ -1,15 +1,17 @@
 import dataclasses
 import hashlib
+import importlib
 import inspect
 import json
 import math
 import re
+import sys
 
 import pytest
 
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, ConfigError, SceneError
-from anm_mj.planning.policies.registry import policies, policy_class
+from anm_mj.planning.policies.registry import policies, policy_class, policy_hash
 from anm_mj.scene.folder import load_scene
 from tests.robots import ROVER_XML
 from tests.scene.small import make_small_scene
@@ -119,6 +121,22 @@ def test_robot_drive_pose_and_sensor_vary(tmp_path):
     assert job.facts["robot"] == "rover.xml"
     assert {bool(job.robot_hash) for job in jobs if job.robot != "diff_drive"} == {True}
     assert {job.robot_hash for job in jobs if job.robot == "diff_drive"} == {""}
+
+
+def test_a_policy_that_was_edited_is_another(tmp_path, monkeypatch):
+    text = "class Mine:\n    observe = plan = on_collision = None.__init__\n"
+    monkeypatch.syspath_prepend(tmp_path)
+    found = []
+    for more in ("", "", "    speed = 2\n"):
+        (tmp_path / "mine_to_edit.py").write_text(text + more)
+        monkeypatch.delitem(sys.modules, "mine_to_edit", raising=False)
+        importlib.invalidate_caches()
+        policy_hash.cache_clear()
+        (mine, builtin) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["mine_to_edit:Mine", "gvg"]\n')
+        found.append(mine)
+        assert not builtin.policy_hash
+    assert found[0].name == found[1].name != found[2].name
+    assert found[0].facts != found[2].facts
 
 
 def test_a_robot_that_was_edited_is_another(tmp_path):

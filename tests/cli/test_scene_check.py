@@ -1,5 +1,7 @@
 """The command, on a room that is in order and on one whose walls have one side."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -12,6 +14,7 @@ from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.scene_views import NOTHING, SceneViews
 from anm_mj.types import Pose2
+from tests.robots import ROVER_XML
 from tests.scene.shapes import room
 
 
@@ -31,6 +34,24 @@ def test_a_room_in_order(tmp_path, capsys, monkeypatch):
     with Image.open(tmp_path / "room_check.png") as sheet:
         assert sheet.size[0] > 500
     assert read_scene_folder(scene.folder).cull_face
+
+
+def test_a_wider_robot_fits_less(tmp_path, capsys):
+    wide = tmp_path / "wide.xml"
+    wide.write_text(ROVER_XML.read_text().replace('size="0.10 0.13 0.04"', 'size="0.40 0.13 0.04"'))
+    found = []
+    for robot in ("diff_drive", str(wide)):
+        assert main(["scene", "check", "home", "--robot", robot, "--json", "--out", str(tmp_path / "sheet.png")]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    usual, other = found
+    assert other["footprint"]["radius_m"] > 0.35 > usual["footprint"]["radius_m"]
+    assert other["navigable_m2"] < 0.8 * usual["navigable_m2"]
+
+
+def test_a_robot_that_is_not_there_ends_with_status_2(tmp_path, capsys):
+    scene = _write(room(), tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder), "--robot", "nobody"]) == 2
+    assert "robot" in capsys.readouterr().err
 
 
 def test_walls_seen_from_behind_are_fixed(tmp_path, capsys):

@@ -10,10 +10,13 @@ carry a frozen dataclass ``Config`` with its settings.
 from __future__ import annotations
 
 import functools
+import hashlib
 import importlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import AnmError, InstallError, PlanError
@@ -117,6 +120,18 @@ def policy_class(name: str) -> Any:
     if missing:
         raise PlanError(f"Policy '{name}' lacks the method(s) {', '.join(missing)} that every policy has.")
     return found
+
+
+@functools.cache
+def policy_hash(name: str) -> str:
+    """SHA-256 of the module that holds a policy, ``module:Class``; empty for a policy that has a name, and for a module
+    without a file. Modules that it imports do not count. Raises as :func:`policy_class`.
+    """
+    if name in policies():
+        return ""
+    module = importlib.import_module(policy_class(name).__module__)
+    file = getattr(module, "__file__", None) or ""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if os.path.isfile(file) else ""
 
 
 def default_settings(name: str) -> Any:
