@@ -91,13 +91,12 @@ class Engine:
         trust: _Floats,
         rotation: _Floats,
         position: _Floats,
-        levels: int,
         slopes: tuple[float, float, float],
         field_variance: float,
         kernel: float,
         color_deviation: float,
         color_kernel: float,
-    ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], _Floats]: ...
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 
 class Occupancy:
     def __init__(self, num_threads: int, kernel: str) -> None: ...

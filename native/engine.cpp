@@ -246,9 +246,8 @@ public:
         return nb::make_tuple(rgb_out, depth_out);
     }
 
-    // Normal equations of distances and of colours, [2][6][6] and [2][6], their costs, weights and counts, [2][3], and
-    // the distance of every point.
-    nb::tuple align(In points, In rgb, InFlat variance, InFlat trust, In rotation, InFlat position, int levels,
+    // Normal equations of distances and of colours, [2][6][6] and [2][6], their costs, weights and counts, [2][3].
+    nb::tuple align(In points, In rgb, InFlat variance, InFlat trust, In rotation, InFlat position,
                     const std::tuple<float, float, float>& slopes, float field_variance, float kernel,
                     float color_deviation, float color_kernel) {
         require_points(points);
@@ -260,21 +259,18 @@ public:
         anm::Alignment at;
         std::memcpy(at.rotation, rotation.data(), sizeof at.rotation);
         std::memcpy(at.position, position.data(), sizeof at.position);
-        at.levels = levels;
         std::tie(at.saturation, at.least_slope, at.most_slope) = slopes;
         at.field_variance = field_variance;
         at.kernel = kernel;
         at.color_deviation = color_deviation;
         at.color_kernel = color_kernel;
         anm::NormalEquations sums[2];
-        float* residuals = nullptr;
-        Out residuals_out = make_array({count}, residuals);
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.align(model_, frame, at, sums, residuals, work_.parallel(), work_.arena());
+            kernel_.align(model_, frame, at, sums, work_.parallel(), work_.arena());
         }
-        return nb::make_tuple(as_arrays(sums), residuals_out);
+        return as_arrays(sums);
     }
 
 private:
@@ -387,5 +383,5 @@ void bind_engine(nb::module_& m) {
         .def("query_sensitivity", &Engine::query_sensitivity, "points"_a)
         .def("render", &Engine::render, "origin"_a, "direction"_a, "depths"_a)
         .def("align", &Engine::align, "points"_a, "rgb"_a, "variance"_a, "trust"_a, "rotation"_a, "position"_a,
-             "levels"_a, "slopes"_a, "field_variance"_a, "kernel"_a, "color_deviation"_a, "color_kernel"_a);
+             "slopes"_a, "field_variance"_a, "kernel"_a, "color_deviation"_a, "color_kernel"_a);
 }

@@ -82,15 +82,11 @@ struct TangentScratch {
         for (int axis = 0; axis < 3; ++axis) at.axis[axis] = base + axis * kBlock;
     }
 
-    // Features of the points on the first `levels` levels; those of finer ones are zero.
-    void encode(const Model& model, int levels) const {
+    // Features of the points.
+    void encode(const Model& model) const {
         const Settings& c = model.settings;
         for (int level = 0; level < c.levels; ++level) {
             float* out = features + level * level_stride;
-            if (level >= levels) {
-                std::memset(out, 0, sizeof(float) * 2 * kRows);
-                continue;
-            }
             const float* table = model.table + 2 * static_cast<std::ptrdiff_t>(level) * c.entries();
             Corners corners[kBlock / kGroup];
             for (int g = 0; g < kBlock / kGroup; ++g) {

@@ -13,7 +13,7 @@ constexpr int kAlignBlock = 32;   // points of a task; fixed, so that sums do no
 
 template <class Shape>
 void align_as(const Shape& shape, const Model& model, const FramePoints& points, const Alignment& at, const float* packed,
-              NormalEquations* partial, float* residuals, const Parallel& parallel, const Arena& arena) {
+              NormalEquations* partial, const Parallel& parallel, const Arena& arena) {
     using Scratch = TangentScratch<kAlignBlock>;
     const Settings& c = model.settings;
     const PackedDecoders w(c, const_cast<float*>(packed));
@@ -24,7 +24,7 @@ void align_as(const Shape& shape, const Model& model, const FramePoints& points,
         const Activations& a = scratch.activations;
         const int first = task * kAlignBlock, size = smaller(kAlignBlock, points.count - first);
         alignas(64) float arm[3][kAlignBlock], ray[3][kAlignBlock], color[3][kAlignBlock];
-        alignas(64) float trust[kAlignBlock], variance[kAlignBlock], found[kAlignBlock];
+        alignas(64) float trust[kAlignBlock], variance[kAlignBlock];
         for (int i = 0; i < kAlignBlock; ++i) {
             const bool has = i < size;
             const float* x = points.camera + 3 * (first + (has ? i : 0));
@@ -41,7 +41,7 @@ void align_as(const Shape& shape, const Model& model, const FramePoints& points,
             trust[i] = has ? points.trust[first + i] : 0.0F;
             variance[i] = has ? points.variance[first + i] : 1.0F;
         }
-        scratch.encode(model, at.levels);
+        scratch.encode(model);
         scratch.decode(c, shape, w, with_color);
         LaneSums geometry, photometry;
         for (int i = 0; i < kAlignBlock; i += kLanes) {
@@ -80,8 +80,6 @@ void align_as(const Shape& shape, const Model& model, const FramePoints& points,
             jacobian(normal, row);
             const F counted = valid > 0.0F ? one : F{};
             geometry.add(row, distance, valid * weight / spread, valid * weight, valid * cost, counted);
-            const F nothing = F{} + __builtin_nanf("");
-            store(found + i, valid > 0.0F ? distance : nothing);
             if (!with_color) continue;
             // Colour is known on the surface: what changes along the normal was never observed.
             const float precision = 1.0F / (at.color_deviation * at.color_deviation);
@@ -112,11 +110,10 @@ void align_as(const Shape& shape, const Model& model, const FramePoints& points,
         sums[0] = sums[1] = NormalEquations{};
         add_to(sums[0], geometry);
         add_to(sums[1], photometry);
-        if (residuals != nullptr) std::memcpy(residuals + first, found, sizeof(float) * static_cast<std::size_t>(size));
     });
 }
 
-void align(const Model& model, const FramePoints& points, const Alignment& at, NormalEquations* sums, float* residuals,
+void align(const Model& model, const FramePoints& points, const Alignment& at, NormalEquations* sums,
            const Parallel& parallel, const Arena& arena) {
     const Settings& c = model.settings;
     for (int worker = 0; worker < parallel.workers; ++worker) {
@@ -128,9 +125,9 @@ void align(const Model& model, const FramePoints& points, const Alignment& at, N
     auto* partial = reinterpret_cast<NormalEquations*>(
         floats(arena, kPartial, 0, 2 * static_cast<std::size_t>(tasks) * sizeof(NormalEquations) / sizeof(float)));
     if (Widths<32, 16>::fits(c)) {
-        align_as(Widths<32, 16>(c), model, points, at, packed, partial, residuals, parallel, arena);
+        align_as(Widths<32, 16>(c), model, points, at, packed, partial, parallel, arena);
     } else {
-        align_as(Widths<0, 0>(c), model, points, at, packed, partial, residuals, parallel, arena);
+        align_as(Widths<0, 0>(c), model, points, at, packed, partial, parallel, arena);
     }
     for (int kind = 0; kind < 2; ++kind) {
         NormalEquations& out = sums[kind] = NormalEquations{};

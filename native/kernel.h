@@ -114,7 +114,6 @@ struct FramePoints {
 struct Alignment {
     float rotation[9] = {};  // camera to world, row by row
     float position[3] = {};
-    int levels = 0;  // of the grid that take part, from the coarsest on
     float saturation = 0.0F, least_slope = 0.0F, most_slope = 0.0F;
     float field_variance = 0.0F, kernel = 0.0F;
     float color_deviation = 0.0F, color_kernel = 0.0F;
@@ -199,9 +198,9 @@ struct Kernel {
                         const Arena&);
     void (*render)(const Model&, const float* origin, const float* direction, const float* depths, int count,
                    int samples, float* rgb, float* depth, const Parallel&, const Arena&);
-    // sums: of distances to the surface, then of colours. residuals: [count] distances, NaN where none; may be null.
-    void (*align)(const Model&, const FramePoints&, const Alignment&, NormalEquations* sums, float* residuals,
-                  const Parallel&, const Arena&);
+    // sums: of distances to the surface, then of colours.
+    void (*align)(const Model&, const FramePoints&, const Alignment&, NormalEquations* sums, const Parallel&,
+                  const Arena&);
     void (*frame_to_frame)(const GrayPoints&, const KeyView&, const FrameToFrame&, FrameSums&);
     void (*roofline)(std::size_t table_bytes, Roofline&);
 };

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 from scipy import ndimage
+from skimage.measure import block_reduce
 
 from anm_mj.frames import pose_matrix
 from anm_mj.localisation.localisation_config import RelocalisationConfig
@@ -39,13 +40,8 @@ def distance_grid(
     """
     pool = max(1, round(config.cell_m / grid.resolution_m))
     edge = pool * grid.resolution_m
-    shape: tuple[int, ...] = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
-    state = np.full(shape, UNKNOWN, np.int8)
-    state[tuple(slice(side) for side in grid.state.shape)] = grid.state
-    layers, rows, cols = (side // pool for side in shape)
-    blocks = state.reshape(layers, pool, rows, pool, cols, pool)
-    occupied = (blocks == OCCUPIED).any(axis=(1, 3, 5))
-    unknown = (blocks == UNKNOWN).all(axis=(1, 3, 5))
+    occupied = block_reduce(grid.state == OCCUPIED, pool, np.any)
+    unknown = block_reduce(grid.state == UNKNOWN, pool, np.all, cval=True)
     distance = np.full(occupied.shape, config.truncation_m, np.float32)
     if occupied.any():
         found = np.asarray(ndimage.distance_transform_edt(~occupied)) * edge
@@ -57,9 +53,7 @@ def distance_grid(
     at = min(max(grid.layer_of(camera_height_m), 0), grid.state.shape[0] - 1)
     below = grid.state[grid.layers_between(floor_m, camera_height_m)]
     free = (grid.state[at] == FREE) & ~(below == OCCUPIED).any(axis=0)
-    free_blocks = np.zeros((rows * pool, cols * pool), bool)
-    free_blocks[: free.shape[0], : free.shape[1]] = free
-    is_open = free_blocks.reshape(rows, pool, cols, pool).any(axis=(1, 3))
+    is_open = block_reduce(free, pool, np.any)
     origin = grid.origin_m + 0.5 * edge - pad * edge
     return DistanceGrid(distance, origin, edge, np.pad(is_open, pad))
 

@@ -76,18 +76,7 @@ class Relocaliser:
         self.config = config
         self._basis, self._probe = basis, probe
         self._is_free = not is_planar(basis)
-        self.hypotheses: list[Hypothesis] = []
-        self._past: list[_PastFrame] = []
-        """The last frames that were looked at, the present one included."""
-        self._T_expected: Float[np.ndarray, "4 4"] | None = None
-        """Where odometry, or images, alone have the camera now; None = nobody knows."""
-        self._has_odometry = False
-        self._is_followed = False
-        """Whether images show each motion since before the camera was lost."""
-        self._num_frames = 0
-        """Frames that were looked at since the camera was lost."""
-        self._grids: dict[int, DistanceGrid] = {}
-        """By the camera's height, in steps of ``_HEIGHT_M``."""
+        self.restart()
 
     def restart(
         self, T_expected: Float[np.ndarray, "4 4"] | None = None, *, has_odometry: bool = False, followed: bool = False
@@ -99,10 +88,16 @@ class Relocaliser:
         """
         self.hypotheses = [] if T_expected is None else [Hypothesis(T_expected, expected=True)]
         self._T_expected = T_expected if has_odometry or followed else None
-        self._has_odometry, self._is_followed = has_odometry, followed
-        self._past = []
+        """Where odometry, or images, alone have the camera now; None = nobody knows."""
+        self._has_odometry = has_odometry
+        self._is_followed = followed
+        """Whether images show each motion since before the camera was lost."""
+        self._past: list[_PastFrame] = []
+        """The last frames that were looked at, the present one included."""
         self._num_frames = 0
-        self._grids = {}
+        """Frames that were looked at since the camera was lost."""
+        self._grids: dict[int, DistanceGrid] = {}
+        """By the camera's height, in steps of ``_HEIGHT_M``."""
 
     def move(self, T_last_now: Float[np.ndarray, "4 4"], *, followed: bool) -> None:
         """Move all hypotheses by a motion in the camera's axes; ``followed`` as of :meth:`restart`."""

@@ -57,8 +57,6 @@ class AlignSettings(NamedTuple):
     """Points where the SDF's gradient is shorter are left out."""
     most_slope: float = 3.0
     """Points where it is longer are left out."""
-    levels: int = 0
-    """Levels of the grid that take part, from the coarsest on; 0 = all."""
 
 
 class NormalEquations(NamedTuple):
@@ -70,5 +68,3 @@ class NormalEquations(NamedTuple):
     """Weighted sums of Jacobian times residual: half the gradient of the cost."""
     facts: Float64[np.ndarray, "2 3"]
     """Robust cost, sum of the robust weights in [0, 1], number of points that counted."""
-    distance_m: Float32[np.ndarray, " n"]
-    """Signed distance of every point to the surface [m]; NaN where it did not count."""

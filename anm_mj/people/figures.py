@@ -145,7 +145,7 @@ class Figures:
 
     def write(self, crowd: Crowd, data: mujoco.MjData) -> None:
         """Place and pose everybody in a state of the model."""
-        for number, (x_m, y_m, yaw_rad, phase_rad, swing) in enumerate(_states(crowd).tolist()):
+        for number, (x_m, y_m, yaw_rad, phase_rad, swing) in enumerate(states_of(crowd).tolist()):
             is_person = number < crowd.config.number
             poses = _gait(crowd.height_m[number], phase_rad, swing) if is_person else [_AT_ITS_BODY]
             self._write_one(self._mocap[number], (x_m, y_m, yaw_rad), poses, data)
@@ -172,18 +172,8 @@ def standing_bodies(model: mujoco.MjModel) -> Int[np.ndarray, " n"]:
     return np.flatnonzero([name == CHAIR_NAME or name.startswith(_LEAF_NAME) for name in names])
 
 
-def vacuum_states(crowd: Crowd) -> Float[np.ndarray, "n 3"]:
-    """Where vacuum robots are: x [m], y [m], yaw [rad]."""
-    things = slice(crowd.config.number, crowd.config.number + crowd.config.vacuums)
-    return np.column_stack([crowd.xy_m, crowd.yaw_rad])[things]
-
-
-def people_states(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
-    """Where people are and how they are posed: x [m], y [m], yaw [rad], phase of the gait [rad], swing."""
-    return _states(crowd)[: crowd.config.number]
-
-
-def _states(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
+def states_of(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
+    """Where people and, after them, vacuum robots are: x [m], y [m], yaw [rad], phase of the gait [rad], swing."""
     return np.column_stack([crowd.xy_m, crowd.yaw_rad, crowd.phase_rad, crowd.swing])
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from anm_mj.events import Decided, Ended, Observed, Stepped
 from anm_mj.frames import pose_matrix
 from anm_mj.localisation.localiser import PoseEstimate
+from anm_mj.localisation.se3 import carried
 from anm_mj.protocols import Mapper
 from anm_mj.ros.connect import Connection
 from anm_mj.ros.names import MAP, TF, TF_TYPE
@@ -81,7 +82,10 @@ class MapPublisher:
         if odometry is not None:
             self._T_map_odom = pose_matrix(seen.pose) @ np.linalg.inv(pose_matrix(odometry))
         make = self._node.messages
-        covariance = np.zeros(36) if estimate is None else _about_base(estimate, seen.pose)
+        covariance = np.zeros(36)
+        if estimate is not None:
+            T_world_camera = estimate.observation.T_world_camera
+            covariance = carried(T_world_camera, estimate.covariance, pose_matrix(seen.pose)).ravel()
         pose = make.make("geometry_msgs/msg/PoseWithCovariance", pose=make.base_pose(seen.pose), covariance=covariance)
         self._publish("pose", "geometry_msgs/msg/PoseWithCovarianceStamped", pose=pose)
         self.tell()
@@ -166,12 +170,3 @@ class MapPublisher:
             mesh_file=make.make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
             mesh_use_embedded_materials=False,
         )
-
-
-def _about_base(estimate: PoseEstimate, pose: Pose2) -> Float[np.ndarray, "36"]:
-    """The covariance of the base's pose, row by row: that of the camera, moved to the base."""
-    arm = np.array([pose.x_m, pose.y_m, 0.0]) - estimate.observation.T_world_camera[:3, 3]
-    J = np.eye(6)
-    # A rotation r of the camera about itself moves the base by r x arm.
-    J[:3, 3:] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
-    return (J @ estimate.covariance @ J.T).ravel()

@@ -131,16 +131,14 @@ def floor_cells(
 
 def pooled(area: NavigableArea, cells: int) -> NavigableArea:
     """The same area at ``cells`` times the cell size; each cell is as good as the best of those it replaces."""
-    rows, cols = area.component.shape
-    padding = ((0, -rows % cells), (0, -cols % cells))
-    shape = (-(-rows // cells), cells, -(-cols // cells), cells)
+    from skimage.measure import block_reduce
+
     # Components are numbered from the largest, and 0 is none.
-    number = np.where(area.component > 0, area.component, np.iinfo(area.component.dtype).max)
-    best = np.pad(number, padding, constant_values=np.iinfo(number.dtype).max).reshape(shape).min(axis=(1, 3))
-    clearance = np.pad(area.clearance_m, padding).reshape(shape).max(axis=(1, 3))
-    indoors = np.asarray(np.pad(area.indoors, padding).reshape(shape).any(axis=(1, 3)))
-    grid = Grid(area.grid.origin_xy_m, area.grid.resolution_m * cells, shape[0], shape[2])
-    return NavigableArea(grid, clearance, np.where(best == np.iinfo(number.dtype).max, 0, best), indoors)
+    none = np.iinfo(area.component.dtype).max
+    best = block_reduce(np.where(area.component > 0, area.component, none), cells, np.min, cval=none)
+    clearance, indoors = block_reduce(area.clearance_m, cells, np.max), block_reduce(area.indoors, cells, np.any)
+    grid = Grid(area.grid.origin_xy_m, area.grid.resolution_m * cells, *best.shape)
+    return NavigableArea(grid, clearance, np.where(best == none, 0, best), indoors)
 
 
 def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:

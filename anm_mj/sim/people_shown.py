@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Float32
 
 from anm_mj.frames import pixel_directions
 from anm_mj.people.crowd import Crowd
-from anm_mj.people.figures import people_states, standing_bodies, vacuum_states
+from anm_mj.people.figures import standing_bodies, states_of
 from anm_mj.sim.moved_rays import MovedRays
 from anm_mj.sim.render_mesh import visible_geoms
 from anm_mj.types import Intrinsics, Pose2, TruePeople
@@ -54,12 +54,13 @@ class PeopleShown:
 
 def true_people(crowd: Crowd, shown: Shown, robot: Pose2) -> TruePeople:
     """What is true of people while a robot at a pose sees so much of them."""
+    states, number = states_of(crowd), crowd.config.number
     return TruePeople(
-        people_states(crowd),
+        states[:number],
         shown.moving,
         crowd.distance_m(robot.xy_m),
         chair=crowd.chair,
         standing_shown=shown.standing,
-        vacuums=vacuum_states(crowd),
+        vacuums=states[number : number + crowd.config.vacuums, :3],
         doors=crowd.doors.states,
     )

@@ -103,7 +103,7 @@ def test_a_registration_turns_to_the_heading_unless_it_is_an_outlier() -> None:
         hessian[0, 5, 5] = information
         gradient = np.zeros((2, 6))
         gradient[0, 5] = information * off
-        return NormalEquations(hessian, gradient, np.zeros((2, 3)), np.zeros(len(points), np.float32))
+        return NormalEquations(hessian, gradient, np.zeros((2, 3)))
 
     prior = Prior(T, np.diag([0.01, 0.01, 1.0]) ** 2, PLANAR)
     for turn_deg, expected_deg in ((0.2, 0.2), (30.0, 0.0)):

@@ -40,7 +40,7 @@ def align(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettin
     hessian = np.stack((np.outer(row, row) * weight.sum(), np.zeros((6, 6))))
     gradient = np.stack((row * float(weight @ distance), np.zeros(6)))
     facts = np.array([[float(share @ square), float((share**2).sum()), len(points)], [0.0, 0.0, 0.0]])
-    return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
+    return NormalEquations(hessian, gradient, facts)
 
 
 class FakeMap(MapProbe):
@@ -134,8 +134,7 @@ class NarrowPicture(FrameToImages):
 
 def silent(points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettings) -> NormalEquations:
     """A field that knows nothing of the place."""
-    none = np.zeros(len(points), np.float32)
-    return NormalEquations(np.zeros((2, 6, 6)), np.zeros((2, 6)), np.zeros((2, 3)), none)
+    return NormalEquations(np.zeros((2, 6, 6)), np.zeros((2, 6)), np.zeros((2, 3)))
 
 
 def test_a_displacement_before_a_near_wall_is_looked_for() -> None:

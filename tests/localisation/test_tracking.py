@@ -59,7 +59,7 @@ class Wall(MapProbe):
         hessian = np.stack((np.outer(row, row) * weight.sum(), np.zeros((6, 6))))
         gradient = np.stack((row * float(weight @ distance), np.zeros(6)))
         facts = np.array([[float(share @ square), float((share**2).sum()), len(points)], [0.0, 0.0, 0.0]])
-        return NormalEquations(hessian, gradient, facts, distance.astype(np.float32))
+        return NormalEquations(hessian, gradient, facts)
 
     def agreement(self, points: FramePoints, T_world_camera: np.ndarray) -> Agreement:
         is_there = np.full(len(points), abs(T_world_camera[0, 3]) < 0.02)

@@ -123,21 +123,20 @@ class NativeBackend(MapperBackend):
         self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
     ) -> NormalEquations:
         """Normal equations of a frame at a camera pose (``native/frame_to_field.h``); see the base class."""
-        sums, distance_m = self._engine.align(
+        sums = self._engine.align(
             points.camera_m,
             points.rgb,
             points.variance_m2,
             points.trust,
             _floats(T_world_camera[:3, :3]),
             _floats(T_world_camera[:3, 3]),
-            settings.levels or self.config.field.num_levels,
             (settings.saturation, settings.least_slope, settings.most_slope),
             settings.field_deviation_m**2,
             settings.kernel,
             settings.color_deviation,
             settings.color_kernel,
         )
-        return NormalEquations(*sums, distance_m)
+        return NormalEquations(*sums)
 
     def parameters(self) -> Parameters:
         """Copies of all parameters by name."""

@@ -168,15 +168,9 @@ def _level_heights(flat: _Flat, least_m2: float = math.inf, most: int = 8) -> li
     while remaining.max() >= least_m2 and len(candidates) < most:
         peak = int(np.argmax(remaining))
         near = np.abs(z - (low + (peak + 1) * _BIN_M)) <= 1.5 * _BIN_M
-        candidates.append(_weighted_median(z[near], area[near]))
+        candidates.append(float(np.quantile(z[near], 0.5, weights=area[near], method="inverted_cdf")))
         remaining[max(0, peak - 2) : peak + 3] = 0.0
     return sorted(set(candidates))
-
-
-def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(share, share[-1] / 2.0)])
 
 
 def _level_at(triangles_m: _Triangles, flat: _Flat, z_m: float, *, roofed: bool = False) -> Level:

@@ -13,7 +13,7 @@ from anm_mj.control.action_motion import action_motion, action_profile
 from anm_mj.control.clearance_limit import static_obstacles
 from anm_mj.control.speed_and_acceleration import limits_of, slewed
 from anm_mj.control.wheel_servo import BaseServo
-from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.frames import move_pose, relative_pose, wrap_angle
 from anm_mj.localisation.odometry import Odometer
 from anm_mj.mjcf.read_mjcf import log_warnings
 from anm_mj.robot.base_joints import element_id
@@ -142,18 +142,18 @@ class PhysicsDrive(WheelDrive):
         start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
         self._touched = False
         collided = self._execute(action)
-        off_m = abs(self._offset_m()[1])
+        off_m = abs(relative_pose(self._base.pose, self._reference).y_m)
         if collided:
             self._halt()
         # No wheel can undo a push from the side, and after the next turn the servo would drive it as a distance.
-        elif abs(self._offset_m()[1]) > _PUSHED_M:
+        elif abs(relative_pose(self._base.pose, self._reference).y_m) > _PUSHED_M:
             self._reference = self._base.pose
         end = self._base.pose
         return ActionResult(
             action,
             collided=collided,
             wheel_speeds=self._mean_speeds(start_s, start_angles),
-            moved_m=_distance_m(start, end),
+            moved_m=math.dist(start.xy_m, end.xy_m),
             met_person=collided and self._crowd is not None and self._crowd.distance_m(end.xy_m) < _MET_M,
             fault=self._fault(
                 failed=collided or off_m > _PUSHED_M,
@@ -199,9 +199,9 @@ class PhysicsDrive(WheelDrive):
             self._reference = move_pose(self._reference, forward_m, turn_rad)
             collided = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
             after = self._base.pose
-            moved_m += _distance_m(before, after)
+            moved_m += math.dist(before.xy_m, after.xy_m)
             turned_rad += abs(wrap_angle(after.yaw_rad - before.yaw_rad))
-            if collided or math.hypot(*self._offset_m()) > _LAG_M:
+            if collided or math.dist(self._base.pose.xy_m, self._reference.xy_m) > _LAG_M:
                 collided = True
                 self._halt()
                 break
@@ -222,7 +222,7 @@ class PhysicsDrive(WheelDrive):
         collided = not self._settle(forward=False)
         if collided:
             self._halt()
-        moved_m, speeds = _distance_m(start, self._base.pose), self._mean_speeds(start_s, start_angles)
+        moved_m, speeds = math.dist(start.xy_m, self._base.pose.xy_m), self._mean_speeds(start_s, start_angles)
         fault = self._fault(failed=collided)
         return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
 
@@ -302,16 +302,5 @@ class PhysicsDrive(WheelDrive):
 
     def _is_at_reference(self, along_m: float, angle_rad: float) -> bool:
         """Whether the base is at the reference, apart from the sideways offset that no wheel can undo."""
-        angle_off_rad = wrap_angle(self._reference.yaw_rad - self._base.pose.yaw_rad)
-        return abs(self._offset_m()[0]) < along_m and abs(angle_off_rad) < angle_rad
-
-    def _offset_m(self) -> tuple[float, float]:
-        """Offset of the reference from the base: ahead and to the left [m]."""
-        pose, reference = self._base.pose, self._reference
-        dx, dy = reference.x_m - pose.x_m, reference.y_m - pose.y_m
-        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        return dx * c + dy * s, dy * c - dx * s
-
-
-def _distance_m(a: Pose2, b: Pose2) -> float:
-    return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)
+        offset = relative_pose(self._base.pose, self._reference)
+        return abs(offset.x_m) < along_m and abs(offset.yaw_rad) < angle_rad
