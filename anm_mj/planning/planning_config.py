@@ -24,7 +24,7 @@ class PlanningConfig(Settings, group="planning", error=PlanError):
     update_reach_m: float = 5.2
     """Views change the map up to this depth; the map takes in what lies beyond when the robot comes nearer [m]. Views
     free space up to 5 m and mark surface up to 8 m: surface with unknown space before it misleads policies."""
-    patience_steps: int = setting(20, at_least=1, at_most=10000)
+    patience_steps: int = setting(30, at_least=1, at_most=10000)
     """The robot waits so long for what moves in its way, then takes it for an obstacle and looks for another way."""
     horizon_m: float = 5.0
     """Side of the local horizon, a square that moves with the robot, inside which the graph is fine [m]."""
