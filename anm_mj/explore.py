@@ -37,8 +37,8 @@ def explore(
 
     Args:
         robot: observes once before the first action and once after every action.
-        mapper: learns from every observation.
-        policy: hears every observation, and plans whenever the last plan is done, outdated or blocked.
+        mapper: learns from every observation whose pose is good enough.
+        policy: hears what the mapper learns from, and plans whenever the last plan is done, outdated or blocked.
         num_steps: budget of discrete actions; turns and collisions count.
         localiser: estimates the pose of every observation; None = poses are taken as they come.
         observers: hear every event in this order; any of them may end the run.

@@ -179,9 +179,7 @@ class Policy(Protocol):
     """Decides where to go and look next."""
 
     def observe(self, observation: Observation) -> None:
-        """Take in an observation: the first one comes before any action, one more after every action whose pose is good
-        enough for the map.
-        """
+        """Take in an observation whose pose is good enough for the map: one before any action, one more after each."""
         ...
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:

@@ -38,7 +38,7 @@ class WallFollower:
         self.body, self.settings = context.footprint, context.settings
 
     def observe(self, observation: Observation) -> None:
-        """Hear every observation; the map keeps what was seen, so that there is nothing to remember."""
+        """Hear what enters the map; the map keeps what was seen, so that there is nothing to remember."""
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """One action at a time, from the signed distances of the neural map."""

@@ -50,6 +50,12 @@ defined in [conventions.md](conventions.md).
 """
 
 
+SETTINGS_HEAD = """## Settings
+
+Given with `--set NAME=VALUE`, but for the fields of a run and `sensor.name`; `config.json` of a run holds all. Numbers
+are above zero and at most a million where the range names nothing else; those of `model.*` and `camera.*` are checked
+with the robot.
+"""
 HEAD_OF_TYPES = ("name", "default or type", "meaning")
 HEAD_OF_SETTINGS = ("name", "default", "range", "meaning")
 
@@ -116,11 +122,7 @@ def reference() -> str:
     config = make_config("default", [], scene="home")
     names = "planning", "mapping", "localisation", "people", "model", "camera", "sensor", "record", "checkpoint"
     groups = [name for name in names if is_dataclass(getattr(config, name))]
-    text = (
-        "Given with `--set NAME=VALUE`, but for the fields of a run; `config.json` of a run holds all. A number "
-        "must be above zero and at most a million where no other range is named."
-    )
-    parts = [HEAD, f"## Settings\n\n{text}\n"]
+    parts = [HEAD, SETTINGS_HEAD]
     about = "Given by options of their own; `image_px` by `--set`."
     run = [(name, default, meaning) for name, default, _, meaning in _rows(config, "", nested=False)]
     parts.append(_section("Run", about, run))

@@ -91,7 +91,7 @@ class Job:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Its fields without the folders of this machine, which are private; hashes tell scene, robot and policy."""
+        """Its fields without the folders of this machine, which are private; hashes identify what differs."""
         return {**asdict(self), "scene": self.scene_name, "robot": Path(self.robot).name}
 
     @property

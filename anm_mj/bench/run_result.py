@@ -188,8 +188,19 @@ def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
 
 
 def read_results(comparison: Path) -> list[Result]:
-    """All finished runs of a comparison's folder, whichever there are. Raises BenchError if a run is damaged."""
-    return [read_result(path.parent) for path in sorted(comparison.glob(f"runs/*/{RESULT}"))]
+    """All finished runs of a comparison's folder, whichever there are. Raises BenchError if a run is damaged, or two
+    differ in nothing but the contents of a policy's or a robot's file.
+    """
+    found: dict[str, Result] = {}
+    for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
+        result = read_result(path.parent)
+        other = found.setdefault(replace(result.job, policy_hash="", robot_hash="").name, result)
+        if other is not result:
+            raise BenchError(
+                f"{other.folder} and {result.folder} are runs of two versions of {result.job.policy}, or of the robot; "
+                "delete the folders of the older one."
+            )
+    return list(found.values())
 
 
 def read_result(folder: Path, of: Job | None = None) -> Result:

@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from anm_mj.bench.job import Job
-from anm_mj.errors import AnmError
-from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.errors import AnmError, BenchError
+from anm_mj.planning.policies.registry import needs_truth, policy_hash
 from anm_mj.utils.read_file import convert
 
 EXPLORE = "anm_mj.bench.worker:explore"
@@ -71,6 +71,10 @@ def main(function: str) -> int:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, name = function.partition(":")
     try:
+        if policy_hash(job.policy) != job.policy_hash:
+            raise BenchError(
+                f"The module of {job.policy} was edited since the comparison began; give the command again."
+            )
         getattr(importlib.import_module(module), name)(job, Path(line["folder"]))
     except AnmError as err:
         # The last line of the log is what the comparison reports.

@@ -28,7 +28,7 @@ def scene_check(
     Args:
         scene: name from the catalogue or a scene folder
         robot: an MJCF file, or a name (docs/robot.md)
-        settings: a setting of the robot, as in model.camera_pose=0.05,0,0.3,10,60; may be repeated
+        settings: a setting of the robot, as in model.keyframe=stow; may be repeated
         out: contact sheet: .png, .pdf or .svg; by default SCENE_check.png in the current folder
     """
     from anm_mj.cli.console import PlainConsole, busy, say_problems
@@ -40,7 +40,7 @@ def scene_check(
 
     require_ending(out, (".png", ".pdf", ".svg"))
     config = make_config(DEFAULT_PRESET, list(settings), scene=scene, robot=robot)
-    require_read(settings, "model", "camera", "image_px")
+    require_read(settings, "model")
     world = load_scene(scene)
     backend = select_backend()
     from anm_mj.sim.scene_views import CUT_M, SceneViews

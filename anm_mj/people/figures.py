@@ -173,7 +173,7 @@ def standing_bodies(model: mujoco.MjModel) -> Int[np.ndarray, " n"]:
 
 
 def states_of(crowd: Crowd) -> Float[np.ndarray, "n 5"]:
-    """Where people and, after them, vacuum robots are: x [m], y [m], yaw [rad], phase of the gait [rad], swing."""
+    """Of people, vacuum robots, then the chair: x [m], y [m], yaw [rad], phase of the gait [rad], swing."""
     return np.column_stack([crowd.xy_m, crowd.yaw_rad, crowd.phase_rad, crowd.swing])
 
 

@@ -29,9 +29,9 @@ class Limits:
         """The choices or the range in a few characters; empty where the usual limits hold."""
         if self.choices:
             return ", ".join(f"`{choice}`" for choice in self.choices)
-        low = "" if self.at_least is None else f"≥ {self.at_least:g}"
+        low = "> 0" if self.at_least is None else f"≥ {self.at_least:g}"
         high = f"< {self.below:g}" if self.below <= self.at_most else f"≤ {self.at_most:.10g}"
-        return ", ".join(filter(None, (low, "" if self.at_most == _MOST <= self.below else high)))
+        return "" if self == Limits() else f"{low}, {high}" if self.at_most < _MOST or self.below <= _MOST else low
 
     def hold(self, value: Any) -> bool:
         """Whether a value is one of the choices, or a number, or are all of some numbers, within the limits."""

@@ -34,7 +34,7 @@ class MyPolicy:
         self.targets: list[np.ndarray] = []
 
     def observe(self, observation: Observation) -> None:
-        """Hear every observation, also those between two decisions."""
+        """Hear every observation that enters the map, also those between two decisions."""
         self.stages.observe(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:

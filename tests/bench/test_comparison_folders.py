@@ -7,7 +7,9 @@ import shutil
 import pytest
 
 from anm_mj.bench.comparison import run_bench
-from anm_mj.bench.sweep import BenchError
+from anm_mj.bench.executor import run_jobs
+from anm_mj.bench.run_result import read_results
+from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import RunFolderError
 from tests.scene.small import make_small_scene
 
@@ -28,6 +30,28 @@ def made(tmp_path_factory):
     )
     run_bench(folder / "small.toml", folder / "out", function="tests.bench.fake:quick")
     return folder
+
+
+def test_a_policy_that_is_edited_while_its_runs_are_made(tmp_path, monkeypatch):
+    """The run fails; after it, runs of both versions are told apart."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    module, out = tmp_path / "edited_meanwhile.py", tmp_path / "out"
+    module.write_text("class Mine:\n    observe = plan = on_collision = None.__init__\n")
+    file = tmp_path / "small.toml"
+    file.write_text('scenes = ["home"]\npolicies = ["edited_meanwhile:Mine"]\nstarts = 1\nsteps = 100\n')
+    (job,) = read_jobs(file)
+    made = run_bench(file, out, function="tests.bench.fake:quick")
+    assert not made.failures
+    with module.open("a") as text:
+        text.write("    speed = 2\n")
+    runs = run_jobs([job], out / "again", "local", 1, "tests.bench.fake:quick", (str(tmp_path),))
+    ((_, error),) = runs
+    assert error is not None
+    assert "edited since the comparison began" in error
+    assert run_bench(file, out, function="tests.bench.fake:quick").skipped == 0
+    with pytest.raises(BenchError, match="two versions of edited_meanwhile:Mine"):
+        read_results(out)
 
 
 @pytest.mark.parametrize(

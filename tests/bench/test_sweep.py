@@ -11,7 +11,7 @@ import pytest
 
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, ConfigError, SceneError
-from anm_mj.planning.policies.registry import policies, policy_class, policy_hash
+from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.scene.folder import load_scene
 from tests.robots import ROVER_XML
 from tests.scene.small import make_small_scene
@@ -131,7 +131,6 @@ def test_a_policy_that_was_edited_is_another(tmp_path, monkeypatch):
         (tmp_path / "mine_to_edit.py").write_text(text + more)
         monkeypatch.delitem(sys.modules, "mine_to_edit", raising=False)
         importlib.invalidate_caches()
-        policy_hash.cache_clear()
         (mine, builtin) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["mine_to_edit:Mine", "gvg"]\n')
         found.append(mine)
         assert not builtin.policy_hash

@@ -51,7 +51,7 @@ def test_a_wider_robot_fits_less(tmp_path, capsys):
 def test_a_robot_that_is_not_there_ends_with_status_2(tmp_path, capsys):
     scene = _write(room(), tmp_path / "room")
     assert main(["scene", "check", str(scene.folder), "--robot", "nobody"]) == 2
-    assert "robot" in capsys.readouterr().err
+    assert "nobody" in capsys.readouterr().err
 
 
 def test_walls_seen_from_behind_are_fixed(tmp_path, capsys):

@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from anm_mj.utils.settings import Settings, setting
+from anm_mj.utils.settings import Settings, limits_of, setting
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,21 @@ def test_defaults_are_within_their_limits():
 def test_a_value_beyond_the_limits_is_named_with_them(value, said):
     with pytest.raises(ValueError, match=said):
         Example(**value)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("plain", ""),
+        ("share", "≥ 0, ≤ 1"),
+        ("percentile", "> 0, < 100"),
+        ("turns", ""),
+        ("way", "`left`, `right`"),
+        ("on", ""),
+    ],
+)
+def test_a_range_in_a_few_characters(name, said):
+    assert limits_of(Example(), name).text == said
 
 
 def test_a_limit_may_be_reached_where_it_is_included():

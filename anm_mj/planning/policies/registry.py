@@ -13,6 +13,7 @@ import functools
 import hashlib
 import importlib
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
@@ -122,15 +123,14 @@ def policy_class(name: str) -> Any:
     return found
 
 
-@functools.cache
 def policy_hash(name: str) -> str:
-    """SHA-256 of the module that holds a policy, ``module:Class``; empty for a policy that has a name, and for a module
-    without a file. Modules that it imports do not count. Raises as :func:`policy_class`.
+    """SHA-256 of the module that holds a policy of the user's own, as it is now; empty for one of this package, and for
+    a module without a file. Modules that it imports do not count. Raises as :func:`policy_class`.
     """
-    if name in policies():
+    module = policy_class(name).__module__
+    if module.partition(".")[0] == __name__.partition(".")[0]:
         return ""
-    module = importlib.import_module(policy_class(name).__module__)
-    file = getattr(module, "__file__", None) or ""
+    file = getattr(sys.modules.get(module), "__file__", None) or ""
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if os.path.isfile(file) else ""
 
 
