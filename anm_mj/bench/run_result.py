@@ -191,16 +191,16 @@ def read_results(comparison: Path) -> list[Result]:
     """All finished runs of a comparison's folder, whichever there are. Raises BenchError if a run is damaged, or two
     differ in nothing but the contents of a policy's or a robot's file.
     """
+    results = [read_result(path.parent) for path in sorted(comparison.glob(f"runs/*/{RESULT}"))]
     found: dict[str, Result] = {}
-    for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
-        result = read_result(path.parent)
+    for result in results:
         other = found.setdefault(replace(result.job, policy_hash="", robot_hash="").name, result)
-        if other is not result:
+        if other.job.name != result.job.name:
             raise BenchError(
                 f"{other.folder} and {result.folder} are runs of two versions of {result.job.policy}, or of the robot; "
                 "delete the folders of the older one."
             )
-    return list(found.values())
+    return results
 
 
 def read_result(folder: Path, of: Job | None = None) -> Result:
