@@ -32,6 +32,7 @@ def made(tmp_path_factory):
     return folder
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_policy_that_is_edited_while_its_runs_are_made(tmp_path, monkeypatch):
     """The run fails; after it, runs of both versions are told apart."""
     monkeypatch.chdir(tmp_path)
