@@ -99,6 +99,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
     for sweep in sweeps:
         if sweep.settings == reality_of(sweep.reality).texts:
             sweep = replace(sweep, policies=list(dict.fromkeys((*sweep.policies, *more_policies))))
+        modules = {policy: policy_hash(policy) for policy in sweep.policies}
         for name in sweep.scenes:
             scene = _scene(path, name, provided.get(name))
             other = scenes.setdefault(file_name(scene.name), scene)
@@ -114,7 +115,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
             _require_apart(hashes)
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
-                own = replace(job, robot_hash=hashes[job.robot], policy_hash=policy_hash(job.policy))
+                own = replace(job, robot_hash=hashes[job.robot], policy_hash=modules[job.policy])
                 jobs[own.name] = own
     return list(jobs.values())
 

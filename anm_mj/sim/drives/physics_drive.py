@@ -146,7 +146,7 @@ class PhysicsDrive(WheelDrive):
         if collided:
             self._halt()
         # No wheel can undo a push from the side, and after the next turn the servo would drive it as a distance.
-        elif abs(relative_pose(self._base.pose, self._reference).y_m) > _PUSHED_M:
+        elif off_m > _PUSHED_M:
             self._reference = self._base.pose
         end = self._base.pose
         return ActionResult(
