@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,6 +49,7 @@ from anm_mj.types import (
     Plan,
     Pose2,
     SurfacePoints,
+    TrueView,
 )
 
 LAST_PERCENT = 0.25
@@ -123,17 +125,18 @@ class Timed:
 class Coverage:
     """Keeps the completion curve and counts turns and contacts."""
 
-    def __init__(self, curve: CompletionCurve) -> None:
+    def __init__(self, curve: CompletionCurve, true_view: Callable[[], TrueView]) -> None:
         self.curve = curve
+        self._true_view = true_view
         self.num_turns = 0
         self.num_contacts = 0
 
     def on_event(self, event: object) -> None:
         """Take a frame in, count a step; decisions are timed elsewhere."""
         if isinstance(event, Observed):
-            seen = event.observation
-            depth = reduce_depth(seen.depth_m)
-            self.curve.frame(seen.step, depth, seen.intrinsics, seen.T_world_camera, seen.pose)
+            # Only exact depth counts as seen, and only where the sensor gave a value.
+            seen, true = event.observation, self._true_view()
+            self.curve.frame(seen.step, reduce_depth(true.depth_m), seen.intrinsics, true.T_world_camera, true.pose)
         elif isinstance(event, Stepped):
             self.num_turns += event.result.action is not Action.MOVE_FORWARD
             self.num_contacts += event.result.collided
@@ -191,9 +194,9 @@ def run(
     """One run of one policy."""
     with make_robot(world, start=pose, sensor=sensor_config(sensor or "exact")) as robot:
         first = robot.observe()
-        camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
+        camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose, first.range_m)
         truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
-        coverage = Coverage(CompletionCurve(truth))
+        coverage = Coverage(CompletionCurve(truth), robot.true_view)
         timed = Timed(make_policy(name, PolicyContext(robot.footprint, default_settings(name), seed=seed)))
         # With the uncertainty that guides the policy.
         config = make_config("default", [], scene=world.name, policy=name)

@@ -4,7 +4,8 @@
 
 Prints a Markdown table. For each start and seed it gives the completion ratio of the observable surface (final, and
 area under the curve), the steps to 90 % of the other policy's final ratio, and how the first policy's run ended. Below
-the table: the share of runs that the first policy wins, and its decision times. Only runs of both policies count.
+the table: the share of runs that the first policy wins, and its decision times. Only runs of both policies count; one
+that never gets there counts with its budget.
 """
 
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import tyro
 
 from anm_mj.bench.run_result import OBSERVABLE, Result, read_results
+from anm_mj.bench.statistics import restricted_steps
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 
@@ -47,12 +49,13 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     if not both:
         raise AnmError(f"{comparison} holds no runs that both {policy} and {other} have made; see its folder runs.")
     print(f"`{policy}` / `{other}`\n\n| " + " | ".join(HEADINGS) + " |\n|" + "---|" * len(HEADINGS))
-    ratios, finals, areas, took_ms = [], [], [], []
+    ratios, finals, areas, took_ms, num_reached = [], [], [], [], 0
     for key in both:
         ours, theirs = found[policy, key], found[other, key]
         wanted = SHARE * theirs.curve[-1, OBSERVABLE]
         steps, their_steps = ours.steps_to(wanted), theirs.steps_to(wanted)
-        ratios.append(steps / their_steps)
+        ratios.append(restricted_steps(steps, ours.job.steps) / max(their_steps, 1.0))
+        num_reached += bool(np.isfinite(steps))
         finals.append((ours.curve[-1, OBSERVABLE], theirs.curve[-1, OBSERVABLE]))
         areas.append((ours.area_under_curve(OBSERVABLE), theirs.area_under_curve(OBSERVABLE)))
         took_ms += ours.decisions_ms()
@@ -65,11 +68,11 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
             _end(ours),
         )
         print("| " + " | ".join(cells) + " |")
-    known = np.array(ratios)[np.isfinite(ratios)]
     ahead = [sum(our > their for our, their in pairs) for pairs in (finals, areas)]
     print(f"\nOf {len(both)} runs, {policy} has the higher final ratio in {ahead[0]}, the larger area in {ahead[1]}.")
-    if len(known):
-        print(f"Steps to 90 % of the other's final: {100 * known.mean():.0f} % on average over {len(known)} runs.")
+    least = "at least " * (num_reached < len(both))
+    mean = f"{least}{100 * np.mean(ratios):.0f} %"
+    print(f"Steps to 90 % of the other's final: {mean} on average; {num_reached} of {len(both)} runs arrive.")
     half, many, most = np.percentile(took_ms or [np.nan], [50, 90, 99])
     print(f"{len(took_ms)} decisions of {policy}: median, 90th, 99th percentile {half:.1f}, {many:.1f}, {most:.1f} ms.")
 

@@ -4,8 +4,8 @@
 
 Each run with noise is held against the run with exact depth from the same start. What counts is the path: the share of
 the observable surface that exact depth at the poses of the run covers, whatever the camera made of it. Below the table
-stand the mean difference with its standard error, the turns and changes of target relative to the exact runs, and the
-voxels that the map calls occupied although no surface is near.
+stand the mean difference with its standard error (over all scenes that of their means), the turns and changes of target
+relative to the exact runs, and the voxels that the map calls occupied although no surface is near.
 
 A model is made of effects of real depth cameras, each of which a draw has with probability ``HAS`` and a uniform size
 between two bounds (:func:`draw_noise`). The camera says a range of ``STATED_M``, whatever it truly sees.
@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float, Float32
 from scipy import ndimage
 from scipy.spatial import KDTree
 
+from anm_mj.bench.statistics import scene_means
 from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS, CompletionCurve
@@ -321,7 +322,9 @@ def _summarize(rows: list[Outcome]) -> None:
             for key in ("turns", "changes")
         )
         phantoms = np.mean([row.phantoms for row, _ in pairs])
-        cells = (name, len(pairs), _mean(final), _mean(area), f"{turns:.2f}", f"{changes:.2f}", f"{phantoms:.0f}")
+        scenes = [row.scene for row, _ in pairs]
+        changed = (_mean(scene_means(scenes, values) if name == "all" else values) for values in (final, area))
+        cells = (name, len(pairs), *changed, f"{turns:.2f}", f"{changes:.2f}", f"{phantoms:.0f}")
         print(f"| {' | '.join(map(str, cells))} |")
 
 

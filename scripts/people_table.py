@@ -3,8 +3,8 @@
     anm-mj bench docs/people.toml --out runs/people
     python scripts/people_table.py runs/people
 
-Coverage stands beside that of the same run without people, the mean of the ratios over scenes, starts and seeds, with
-its 95 % interval.
+Coverage stands beside that of the same run without people: the mean over scenes of each scene's mean ratio, with the
+95 % interval of a bootstrap over scenes.
 """
 
 import statistics
@@ -12,11 +12,11 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
-from anm_mj.bench.statistics import bootstrap_interval
+from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval, scene_means
 from anm_mj.io.read_run import read_json
+from anm_mj.types import StopReason
 
 COLUMNS = {
     "coverage [%]": "observable_ratio",
@@ -45,17 +45,15 @@ def main(comparison: Annotated[Path, tyro.conf.Positional]) -> None:
     print("|---" * (7 + len(COLUMNS)) + "|")
     for (policy, sensor, people, detects), runs in sorted(rows.items()):
         without = rows.get((policy, sensor, 0, False), {})
-        shares = [
-            100.0 * metrics["observable_ratio"] / without[where]["observable_ratio"]
-            for where, metrics in runs.items()
-            if where in without
-        ]
-        share = f"{statistics.mean(shares):.1f} %" if shares and people else ""
-        if share and len(shares) > 1:
-            low, high = bootstrap_interval(np.array(shares))
+        both = [where for where in runs if where in without]
+        shares = [100.0 * runs[where]["observable_ratio"] / without[where]["observable_ratio"] for where in both]
+        by_scene = scene_means([scene for scene, _, _ in both], shares)
+        share = f"{by_scene.mean():.1f} %" if shares and people else ""
+        if share and len(by_scene) >= LEAST_SCENES:
+            low, high = bootstrap_interval(by_scene)
             share += f" [{low:.1f}, {high:.1f}]"
         mask = "" if not people else "on" if detects else "off"
-        early = sum(metrics["stop_reason"] not in ("BUDGET", "COMPLETE") for metrics in runs.values())
+        early = sum(metrics["stop_reason"] != StopReason.BUDGET for metrics in runs.values())
         cells = [_cell([metrics[key] for metrics in runs.values()], key) for key in COLUMNS.values()]
         print("|", " | ".join([policy, sensor, str(people), mask, str(len(runs)), share, *cells, str(early)]), "|")
 

@@ -4,7 +4,7 @@
     python scripts/variant_tables.py bench/sensors
 
 For each policy two Markdown tables of the completion ratio, observable [%]: its mean at the end, with the range over
-starts and seeds, by scene and variant; and the differences from the reference, with the standard error of their mean.
+starts and seeds, by scene and variant; and the differences from the reference, with their standard error over scenes.
 Below them: contacts, runs that ended before their budget with more than 5 % left, mesh accuracy, and the times of all
 decisions.
 """
@@ -17,8 +17,10 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from anm_mj.bench.run_result import OBSERVABLE, Result, read_results
+from anm_mj.bench.statistics import scene_means
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 
@@ -97,16 +99,18 @@ def _print_differences(runs: Runs, variants: list[str], reference: str) -> None:
             continue
         pairs = [(run, runs[reference, *key[1:]]) for key, run in runs.items()
                  if key[0] == variant and (reference, *key[1:]) in runs]  # fmt: skip
+        scenes = [ours.job.scene_name for ours, _ in pairs]
         final = [ours.curve[-1, OBSERVABLE] - theirs.curve[-1, OBSERVABLE] for ours, theirs in pairs]
         area = [ours.area_under_curve(OBSERVABLE) - theirs.area_under_curve(OBSERVABLE) for ours, theirs in pairs]
-        print(f"| {variant} | {len(pairs)} | {_mean(final)} | {_mean(area)} |")
+        changed = (_mean(scene_means(scenes, values)) for values in (final, area))
+        print(f"| {variant} | {len(pairs)} | {' | '.join(changed)} |")
     print()
 
 
-def _mean(values: list[float]) -> str:
-    """Mean and its standard error; runs count as independent."""
+def _mean(values: Float[np.ndarray, " n"]) -> str:
+    """Mean over scenes and its standard error; starts of one scene are not independent."""
     if len(values) < 2:
-        return f"{values[0]:+.1f}" if values else ""
+        return f"{values[0]:+.1f}" if len(values) else ""
     return f"{np.mean(values):+.1f} ± {np.std(values, ddof=1) / len(values) ** 0.5:.1f}"
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from anm_mj.bench.job import CONDITIONS, each_setting, variant
 from anm_mj.bench.markdown_table import DASH, Rows, ended_by, heading, numbers, split_by, table, with_interval
 from anm_mj.bench.run_result import split_settings
-from anm_mj.bench.statistics import LEAST_SCENES, TASK, case, paired_difference
+from anm_mj.bench.statistics import LEAST_SCENES, TASK, case, paired_difference, scene_means
 from anm_mj.sim.simulation_config import IDEAL
 from anm_mj.types import StopReason
 
@@ -21,7 +21,7 @@ _ERRORS_COST = f"""\
 What errors cost: runs beside those of the same policy, scene, start, seed and budget in the ideal world. Means of each
 scene's mean, with the 95 % interval of a bootstrap over scenes ({LEAST_SCENES} at least); contacts, collisions and runs
 are counted. A contact is a step by which the robot ran into somebody. A run that ended before its budget with less than
-{FALSE_SHARE:g} % of the ideal run's coverage ended falsely."""
+{FALSE_SHARE:g} % of the ideal run's coverage ended falsely. (n/m): only n of m runs have such an ideal run."""
 _HEADINGS = (
     "policy",
     "scenes",
@@ -87,23 +87,25 @@ def _as_ideal(row: dict[str, Any]) -> tuple[str, str]:
 def _line(pairs: list[tuple[dict[str, Any], dict[str, Any] | None]]) -> list[str]:
     own = [row for row, _ in pairs]
     cells = [own[0]["variant"], str(len(split_by(own, "scene"))), str(len(own))]
+    num_pairs = sum(other is not None for _, other in pairs)
+    paired = f" ({num_pairs}/{len(own)})" * (num_pairs < len(own))
     for column in ("observable_ratio", "observed_f_score"):
         known = [(row, row.get(column)) for row in own]
         shares = [(row, _share(row, other, column)) for row, other in pairs]
-        cells += [_mean(known), _mean(shares, interval=True)]
+        cells += [_mean(known), _mean(shares, interval=True) + paired]
     for column in ("people_contacts", "collisions"):
         counts = numbers(own, column)
         cells.append(f"{counts.sum():.0f}" if len(counts) else DASH)
     cells.append(_mean([(row, row.get("lost_percent")) for row in own]))
     lost = sum(row.get("stop_reason") == StopReason.LOST for row in own)
-    cells += [str(lost), str(sum(_is_false_end(row, other) for row, other in pairs))]
+    cells += [str(lost), str(sum(_is_false_end(row, other) for row, other in pairs)) + paired]
     cells.append(_mean([(row, row.get("hz")) for row in own]))
     return [*cells, ended_by(own)]
 
 
 def _share(row: dict[str, Any], ideal: dict[str, Any] | None, column: str) -> float | None:
     """A number as a share of the ideal run's [%]."""
-    if ideal is None or not row.get(column) or not ideal.get(column):
+    if ideal is None or row.get(column) is None or not ideal.get(column):
         return None
     return 100.0 * row[column] / ideal[column]
 
@@ -116,11 +118,8 @@ def _is_false_end(row: dict[str, Any], ideal: dict[str, Any] | None) -> bool:
 
 def _mean(values: list[tuple[dict[str, Any], float | None]], *, interval: bool = False) -> str:
     """Mean over scenes of each scene's mean over the runs that have a number."""
-    by_scene: dict[str, list[float]] = {}
-    for row, value in values:
-        if value is not None and np.isfinite(value):
-            by_scene.setdefault(row["scene"], []).append(value)
-    means = np.array([np.mean(found) for found in by_scene.values()])
+    known = [(row["scene"], value) for row, value in values if value is not None and np.isfinite(value)]
+    means = scene_means([scene for scene, _ in known], [value for _, value in known])
     if interval:
         return with_interval(means, ".1f")
     return f"{means.mean():.1f}" if len(means) else DASH

@@ -268,9 +268,10 @@ def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 
 def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], int]:
-    """The runs of those variants that ran from about all starts of all scenes, and how many variants did not.
+    """The runs of those variants that ran from about all starts of all scenes, as far as all of them have made them,
+    and how many variants did not.
 
-    Means over other scenes, or from fewer starts, do not compare.
+    Means over other scenes, or from fewer starts, do not compare: a variant that lacks its hardest start would gain.
     """
     runs: dict[str, list[Result]] = {}
     for result in results:
@@ -278,9 +279,13 @@ def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], 
     starts = {name: {(run.job.scene_name, run.job.start) for run in own} for name, own in runs.items()}
     count = len(set().union(*starts.values()))
     most_missing = max(1.0, MOST_MISSING * count)
-    drawn = {name: own for name, own in runs.items() if count - len(starts[name]) <= most_missing}
+    drawn = [name for name in runs if count - len(starts[name]) <= most_missing]
     # Where none ran everywhere, all are drawn.
-    return drawn or runs, len(runs) - len(drawn or runs)
+    if not drawn:
+        return runs, 0
+    common = set.intersection(*(starts[name] for name in drawn))
+    kept = {name: [run for run in runs[name] if (run.job.scene_name, run.job.start) in common] for name in drawn}
+    return kept, len(runs) - len(drawn)
 
 
 def compared(variants: Mapping[str, Sequence[Result]]) -> tuple[str, ...]:

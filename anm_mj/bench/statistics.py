@@ -64,6 +64,14 @@ def restricted_steps(steps: float | None, budget: int) -> float:
     return float(budget) if steps is None or not np.isfinite(steps) else min(float(steps), float(budget))
 
 
+def scene_means(scenes: Sequence[str], values: Sequence[float]) -> Float[np.ndarray, " scenes"]:
+    """Mean of each scene's values, given the scene of every value; in the order in which scenes appear."""
+    by_scene: dict[str, list[float]] = {}
+    for scene, value in zip(scenes, values, strict=True):
+        by_scene.setdefault(scene, []).append(value)
+    return np.array([np.mean(found) for found in by_scene.values()])
+
+
 def paired_difference(
     first: Sequence[Mapping[str, Any]], second: Sequence[Mapping[str, Any]], column: str, same: Sequence[str]
 ) -> PairedDifference | None:
@@ -71,18 +79,18 @@ def paired_difference(
     subtracted. The runs of a pair agree in the columns ``same`` and have a number; None if there is no pair.
     """
     other = {case(row, same): row for row in second}
-    per_scene: dict[str, list[float]] = {}
+    scenes, differences = [], []
     for row in first:
         pair = other.get(case(row, same))
         if pair is None or row.get(column) is None or pair.get(column) is None:
             continue
         difference = float(row[column]) - float(pair[column])
         if np.isfinite(difference):
-            per_scene.setdefault(row["scene"], []).append(difference)
-    if not per_scene:
+            scenes.append(row["scene"])
+            differences.append(difference)
+    if not scenes:
         return None
-    means = np.array([np.mean(values) for values in per_scene.values()])
-    return PairedDifference(means, sum(map(len, per_scene.values())))
+    return PairedDifference(scene_means(scenes, differences), len(scenes))
 
 
 def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:

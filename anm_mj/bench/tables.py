@@ -227,9 +227,13 @@ def _means(rows: Rows, scenes: list[str], names: list[str]) -> str:
 
 
 def _mean(rows: Rows, column: str) -> float | None:
-    """Mean of the runs of a scene; None where one of them lacks the number."""
+    """Mean of the runs of a scene; None where one of them lacks the number.
+
+    Of the fewest steps it is enough that an oracle ran from each start: starts from which no run arrives have none.
+    """
     values = numbers(rows, column)
-    enough = len(values) == len(rows) or (len(values) and column == FEWEST)
+    has_oracle = len(numbers(rows, "best_known_auc")) == len(rows)
+    enough = len(values) == len(rows) or (len(values) and column == FEWEST and has_oracle)
     return float(values.mean()) if enough else None
 
 

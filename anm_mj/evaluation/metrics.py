@@ -105,7 +105,7 @@ class Metrics(RunSummary):
     novel_view_psnr_known_db: float | None = None
     """PSNR over pixels where the map has a surface [dB]."""
     novel_view_ssim: float | None = None
-    """Structural similarity."""
+    """Structural similarity, by a uniform window of 7 x 7 pixels."""
     novel_view_depth_l1_cm: float | None = None
     """Mean absolute error of planar depth over pixels where the map has a surface [cm]."""
     novel_view_depth_error_cm: float | None = None

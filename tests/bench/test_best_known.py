@@ -47,6 +47,21 @@ def test_no_row_beats_the_best_known():
     assert line.split("|")[2:-1][2].strip() == "1/1"
 
 
+def test_the_fewest_steps_want_an_oracle_from_every_start():
+    scenes = ("a", "b")
+    runs = [result(policy, RISE, k, scene_name=here) for policy in ("gvg", "anm-s") for k in (0, 1) for here in scenes]
+    oracles = [result("oracle", RISE, k, scene_name=here) for here in scenes for k in (0, 1)]
+    (own,) = _mean_tables([*runs, *oracles])
+    assert "times the fewest steps" in own
+    own, with_oracle = _mean_tables([*runs, *oracles[::2]])
+    assert "times the fewest steps" not in own
+    assert "times the fewest steps" in with_oracle
+
+
+def _mean_tables(runs):
+    return [part for part in markdown(tidy_rows(runs), "x").split("\n## ") if part.startswith("Mean over")]
+
+
 def test_where_no_run_arrives_there_is_no_fewest():
     rows = tidy_rows([result("gvg", RISE[:4]), result("oracle", RISE[:5])])
     assert all(np.isnan(row["times_fewest_90"]) for row in rows)

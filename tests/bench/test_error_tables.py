@@ -59,7 +59,14 @@ def test_an_end_is_false_where_much_was_left_that_the_ideal_run_saw(ratio, stop,
 
 def test_only_runs_from_the_same_start_are_held_against_each_other():
     _, real = lines([row("a", 80.0, start=1), row("a", 70.0, "COMPLETE", world=_REAL)])
-    assert cells(real, "of the ideal run's [%]", "false ends") == ["–", "0"]
+    assert cells(real, "of the ideal run's [%]", "false ends") == ["– (0/1)", "0 (0/1)"]
+
+
+def test_a_real_run_that_saw_or_mapped_nothing_counts_with_nothing():
+    lines_of_both = [row("a", 80.0), row("a", 0.0, "COMPLETE", world=_REAL, f_score=0.0)]
+    _, real = lines([*lines_of_both, row("b", 60.0, world=_REAL)])
+    assert cells(real, "runs", "false ends") == ["2", "1 (1/2)"]
+    assert "| 0.0 (1/2) | 49.0 | 0.0 (1/2) |" in reality_table([*lines_of_both, row("b", 60.0, world=_REAL)], "")
 
 
 def test_without_a_real_run_there_is_no_table():

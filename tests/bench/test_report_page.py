@@ -30,6 +30,15 @@ def test_variants_of_fewer_starts_are_not_drawn_beside_the_others():
     assert drawn_variants([*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})])[1] == 0
 
 
+def test_variants_are_drawn_over_the_starts_that_all_of_them_have():
+    runs = [run for scene in "abcdefghijkl" for run in runs_in(scene, {"gvg": RISE})]
+    others = [run for scene in "abcdefghijk" for run in runs_in(scene, {"anm": RISE})]
+    drawn, count = drawn_variants([*runs, *others])
+    assert count == 0
+    where = {name: "".join(run.job.scene_name for run in own) for name, own in drawn.items()}
+    assert where == {"gvg": "abcdefghijk", "anm": "abcdefghijk"}
+
+
 def test_the_median_run_is_one_of_the_runs():
     runs = [result("gvg", np.array(RISE) * scale, start=k) for k, scale in enumerate((0.5, 1.0, 0.7, 0.9))]
     assert median_run(runs).job.start == 2
