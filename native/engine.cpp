@@ -38,6 +38,8 @@ public:
                     factors.shape(1) == levels && masks.shape(0) == 3 && masks.shape(1) == levels,
                 "one cell size, three factors and three masks per level are needed");
         require(num_threads >= 1, "at least one thread is needed");
+        require(settings.free_samples >= 1 && settings.near_samples >= 1 && settings.samples() <= anm::kMaxSamples,
+                "a ray has samples before the surface and about it, as many as fit");
         model_.settings = settings;
         for (std::size_t level = 0; level < levels; ++level) {
             model_.level[level].cells_per_m = cells_per_m(level);

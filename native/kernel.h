@@ -9,6 +9,7 @@
 namespace anm {
 
 constexpr int kMaxLevels = 32;
+constexpr int kMaxSamples = 1024;  // of a ray
 constexpr int kGroup = 16;          // slots whose features lie together: 16 pairs of floats are two cache lines
 constexpr int kBlockAlign = 8;      // a block of rays starts at a multiple of so many slots
 constexpr int kWidthAlign = 16;     // rows of activations are padded to so many floats

@@ -90,6 +90,7 @@ nb::tuple frame_to_frames(In points, InFlat gray, InFlat variance, InFlat trust,
     std::memset(facts, 0, 3 * sizeof(double));
     for (const auto& [depth, image_gray, camera, pose, stencil] : images) {
         require(camera.size() == 4, "a camera has four numbers");
+        require(stencil >= 1 && stencil <= 1 << 16, "normals come from pixels beside");
         anm::KeyView view;
         view.depth = depth.data();
         view.gray = image_gray.data();
@@ -142,7 +143,8 @@ std::vector<double> shares_in(In points, const std::vector<Image>& images, Doubl
             const double col = camera(0) * p[0] / p[2] + camera(2), row = camera(1) * p[1] / p[2] + camera(3);
             if (!(col >= 0.0 && row >= 0.0 && col < width && row < height)) continue;
             const float seen = anm::from_half(depth(static_cast<std::size_t>(row), static_cast<std::size_t>(col)));
-            count += std::abs(std::abs(static_cast<double>(seen)) - p[2]) < nearness * p[2] + slack_m;
+            // Zero: not measured, which no slack makes a sight of the point.
+            count += seen != 0.0F && std::abs(std::abs(static_cast<double>(seen)) - p[2]) < nearness * p[2] + slack_m;
         }
         shares.push_back(static_cast<double>(count) / static_cast<double>(points.shape(0) > 0 ? points.shape(0) : 1));
     }

@@ -163,8 +163,9 @@ private:
 void bind_occupancy(nb::module_& m) {
     nb::class_<Occupancy>(m, "Occupancy")
         .def(nb::init<int, const std::string&>(), "num_threads"_a, "kernel"_a)
-        .def("bind", &Occupancy::bind, "log_odds"_a, "state"_a, "seen_range"_a, "num_hits"_a, "block_stamp"_a,
-             "column_version"_a, "corner"_a)
+        // Not converted: a copy would be gone when the call returns.
+        .def("bind", &Occupancy::bind, "log_odds"_a.noconvert(), "state"_a.noconvert(), "seen_range"_a.noconvert(),
+             "num_hits"_a.noconvert(), "block_stamp"_a.noconvert(), "column_version"_a.noconvert(), "corner"_a)
         .def("carve", &Occupancy::carve, "depth"_a, "fx"_a, "fy"_a, "cx"_a, "cy"_a, "rotation"_a, "position"_a,
              "low"_a, "high"_a, "edge"_a, "margin"_a, "footprint_px"_a, "nearest"_a, "furthest"_a, "miss"_a, "limit"_a,
              "no_depth_is_free"_a, "frame"_a, "heavy"_a, "heavy_miss"_a)

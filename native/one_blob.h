@@ -28,7 +28,12 @@ ANM_INLINE void one_blob(const Settings& settings, const Positions& at, std::ptr
             const F below = quartic_tail(right);
             const F above = quartic_tail(1.0F - right);
             const F turns = floor((centre + 0.5F) / bins);
-            const I bin = to_int(centre - turns * bins);
+            // Far from the origin floats are too coarse for the division, and a place that is none has no bin: the row
+            // must exist all the same.
+            const I wanted = to_int(centre - turns * bins), last = I{} + settings.bins - 1;
+            const I wrapped = wanted < 0 ? wanted + settings.bins : wanted;
+            const I not_below = wrapped < 0 ? I{} : wrapped;
+            const I bin = not_below > last ? last : not_below;
             std::memcpy(out.bin[axis] + s, &bin, sizeof bin);
             store(out.mass[axis][0] + s, below);
             store(out.mass[axis][1] + s, 1.0F - below - above);

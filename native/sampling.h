@@ -6,10 +6,9 @@
 
 namespace {
 
+using anm::kMaxSamples;
 using anm::Model;
 using anm::Settings;
-
-constexpr int kMaxSamples = 1024;
 
 // The 32-bit mixer "lowbias32" (C. Wellons, 2018).
 template <class T>

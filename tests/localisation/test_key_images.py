@@ -8,7 +8,7 @@ import pytest
 
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.frame_to_images import FrameToImages, coarse_gray_at
-from anm_mj.localisation.key_images import KeyImages, gray_values, key_image, smoothed_depth
+from anm_mj.localisation.key_images import KeyImages, _shares_in, gray_values, key_image, smoothed_depth
 from anm_mj.localisation.localisation_config import KeyImageConfig, RegistrationConfig
 from anm_mj.localisation.motion_search import rotation_search
 from anm_mj.localisation.registration import PLANAR, Prior
@@ -42,6 +42,24 @@ def test_gauss_newton_finds_the_motion(room: Room, images: KeyImages) -> None:
     assert np.linalg.norm(off[:3]) < 0.002
     assert np.linalg.norm(off[3:]) < 0.001
     assert count > 200
+
+
+def test_pixels_without_depth_show_no_point(room: Room) -> None:
+    kept = KeyImages(CONFIG)
+    frame = room.observe(1.5, 1.5, 0.0, size=128)
+    kept.add(replace(frame, depth_m=np.full_like(frame.depth_m, np.nan)), 0.0)
+    points = draw_points(frame, 600, 0.0, 8.0, np.random.default_rng(0))
+    # However vague the pose is.
+    assert list(_shares_in(kept.images, points, frame.T_world_camera, 5.0)) == [0.0]
+
+
+@pytest.mark.parametrize("radius_px", [-100_000_001, -1, 2**31 - 2])
+def test_normals_from_nowhere_are_refused(room: Room, images: KeyImages, radius_px: int) -> None:
+    frame = room.observe(1.5, 1.5, 0.0, size=128)
+    points = draw_points(frame, 600, 0.0, 8.0, np.random.default_rng(0))
+    damaged = [replace(images.images[0], radius_px=radius_px)]
+    with pytest.raises(ValueError, match="pixels beside"):
+        images.equations(damaged, points, frame.T_world_camera, 0.0, KERNEL, gray_values(points.rgb))
 
 
 def test_exposure_is_no_motion(room: Room, images: KeyImages) -> None:

@@ -130,3 +130,15 @@ def test_voxels_outside_the_grid_are_refused():
     grid.integrate(np.full((16, 16), 1.0, np.float32), Intrinsics.from_fov(16, 16, 1.5), camera(0, 0, 0, (0, 0, 1.0)))
     with pytest.raises(ValueError, match="outside the grid"):
         kernels.mark(grid.voxels, np.array([[9999, 0, 0]]), np.ones(1, np.float32), 2)
+
+
+@pytest.mark.parametrize("name", ["log_odds", "state", "seen_range_m", "num_hits", "block_stamp", "column_version"])
+def test_arrays_in_another_order_or_type_are_refused(name):
+    kernels = OccupancyKernels(OccupancyConfig(), 1)
+    grid = grid_with(OccupancyConfig(), kernels)
+    grid.integrate(np.full((16, 16), 1.0, np.float32), Intrinsics.from_fov(16, 16, 1.5), camera(0, 0, 0, (0, 0, 1.0)))
+    array = getattr(grid.voxels, name)
+    for other in (np.asfortranarray(array), array.astype(np.float64)):
+        # A copy of them would be gone when the arrays are used.
+        with pytest.raises(TypeError):
+            kernels.mark(grid.voxels._replace(**{name: other}), np.zeros((0, 3), np.int64), np.ones(0, np.float32), 2)

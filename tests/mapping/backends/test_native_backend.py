@@ -1,7 +1,7 @@
 """The native engine against the torch engine, which is the reference."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -215,6 +215,34 @@ def test_a_layer_beyond_the_engines_buffers_is_refused():
     config = CONFIGS["default"]
     with pytest.raises(MapError, match="2000 are configured"):
         NativeBackend(replace(config, field=replace(config.field, hidden_width=2000)), seed=0)
+
+
+@all_kernels
+@pytest.mark.parametrize("num_bins", [7, 16])
+def test_places_far_off_or_unknown_have_a_bin(num_bins, kernel):
+    config = CONFIGS["odd"]
+    config = replace(config, field=replace(config.field, blob_bins=num_bins, blob_period_m=(0.01, 0.01, 0.01)))
+    backend = NativeBackend(config, seed=0, num_threads=1, kernel=kernel)
+    near = backend.query_sdf(np.random.default_rng(0).uniform(-1.0, 1.0, (64, 3)))
+    far = np.geomspace(1.0, 1e15, 999)[:, None] * np.random.default_rng(1).choice([-1.0, 1.0], (999, 3))
+    # Every answer is made of the weights of bins that exist, so that it is as large as any other.
+    assert np.abs(backend.query_sdf(far)).max() < 20.0 * np.abs(near).max()
+    backend.query_sdf(np.full((64, 3), np.nan))
+    backend.query_sdf(np.full((64, 3), np.inf))
+
+
+@pytest.mark.parametrize("samples", [(-1000, 1006), (0, 4), (-5, 4), (1000, 1000)])
+def test_rays_of_no_or_too_many_samples_are_refused(samples):
+    config = CONFIGS["default"]
+    for name, value in zip(("free_samples", "near_samples"), samples, strict=True):
+        # As a damaged checkpoint brings it, past the checks of settings.
+        sampling = object.__new__(type(config.sampling))
+        for field in fields(config.sampling):
+            object.__setattr__(sampling, field.name, getattr(config.sampling, field.name))
+        object.__setattr__(sampling, name, value)
+        config = replace(config, sampling=sampling)
+    with pytest.raises((ValueError, MapError)):
+        NativeBackend(config, seed=0)
 
 
 def test_empty_queries_have_empty_answers():
