@@ -76,8 +76,8 @@ class RunConfig(SimulationConfig):
     """Rule of the budget: ``scene`` (the scene's own, or else by floor), ``area`` (by floor), or ``rooms`` (the
     paper's, by the number of rooms)."""
     device: str = "auto"
-    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto`` (the CPU by the native engine; others take a GPU if
-    there is one)."""
+    """Where the neural map trains: ``cpu``, ``cuda`` (which cannot localise), or ``auto`` (``cpu``; policy ``anm`` and
+    the torch engine take a GPU if there is one)."""
     continue_from: str | None = None
     """Folder of an earlier run: this one begins with its map and explored state, and marks what has changed; None =
     with nothing."""

@@ -1,5 +1,8 @@
 """Packages that only some commands need, and how to install them."""
 
+import platform
+import sys
+
 EXTRAS = {
     "torch": "torch",
     "dm_control": "environments",
@@ -27,4 +30,14 @@ def missing_package(error: ModuleNotFoundError) -> str | None:
 
 def install(module: str) -> str:
     """The sentence for a module of an extra that is not installed."""
+    if module == "cyclonedds" and not _is_wheel_there():
+        return (
+            "This needs the package cyclonedds, which has no wheel for this Python and processor: build the C library "
+            "of Cyclone DDS, let CYCLONEDDS_HOME name its folder, and pip install cyclonedds."
+        )
     return f"This needs the package {module}, which is not installed: pip install 'anm-mj[{EXTRAS[module]}]'."
+
+
+def _is_wheel_there() -> bool:
+    """Whether the extra ``ros`` brings Cyclone DDS here: its condition in pyproject.toml."""
+    return sys.version_info < (3, 14) and (platform.machine() == "x86_64" or sys.platform == "darwin")

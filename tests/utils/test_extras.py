@@ -1,5 +1,6 @@
 """A package that is not installed is named with the command that installs it."""
 
+import platform
 import subprocess
 import sys
 import tomllib
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from anm_mj.cli.main import main
-from anm_mj.utils.extras import EXTRAS, missing_package
+from anm_mj.utils.extras import EXTRAS, install, missing_package
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,6 +30,25 @@ def run_without_extras(*words):
 def test_every_extra_that_is_named_exists():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert set(EXTRAS.values()) <= set(declared)
+
+
+@pytest.mark.parametrize(
+    ("processor", "system", "version", "has_wheel"),
+    [
+        ("x86_64", "linux", (3, 13), True),
+        ("aarch64", "linux", (3, 11), False),
+        ("arm64", "darwin", (3, 12), True),
+        ("x86_64", "linux", (3, 14), False),
+    ],
+)
+def test_a_package_without_a_wheel_is_not_promised_by_its_extra(monkeypatch, processor, system, version, has_wheel):
+    monkeypatch.setattr(platform, "machine", lambda: processor)
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(sys, "version_info", version)
+    advice = install("cyclonedds")
+    assert ("anm-mj[ros]" in advice, "CYCLONEDDS_HOME" in advice) == (has_wheel, not has_wheel)
+    marker = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["ros"][1]
+    assert "python_version < '3.14' and (platform_machine == 'x86_64' or sys_platform == 'darwin')" in marker
 
 
 def test_a_module_of_no_extra_has_no_advice():
