@@ -10,7 +10,7 @@ test compares both with the code.
 import ast
 import inspect
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from anm_mj.cli import command_line
 from anm_mj.cli.main import COMMANDS, PROGRAM
 from anm_mj.config import make_config
 from anm_mj.environments.environment_config import EnvironmentConfig
-from anm_mj.evaluation.metrics import Metrics, RunSummary
+from anm_mj.evaluation.metrics import Metrics
+from anm_mj.evaluation.trajectory_error import TrajectoryError
 from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import policies, policy_class
@@ -56,6 +57,14 @@ Given with `--set NAME=VALUE`, but for the fields of a run and `sensor.name`; `c
 are above zero and at most a million where the range names nothing else; those of `model.*` and `camera.*` are checked
 with the robot.
 """
+REPEATED = (
+    ("aligned_observed_", "", "Of the observed surface, after the alignment of the trajectory"),
+    ("observed_", "", "Of the observed surface"),
+    ("fixed_view_", "novel_view_", "Mean over the fixed views"),
+)
+"""How names of metrics begin that repeat others: instead of what, and on what."""
+GROUP = ("This and the next", "As the next")
+"""How the text of the first metric of such a group begins."""
 HEAD_OF_TYPES = ("name", "default or type", "meaning")
 HEAD_OF_SETTINGS = ("name", "default", "range", "meaning")
 
@@ -198,9 +207,22 @@ def _plain(one: type) -> list[tuple[str, str, str]]:
 
 
 def _metrics() -> list[tuple[str, str, str]]:
-    """The fields of ``metrics.json``; one without a text of its own belongs to the field above."""
-    known = {name: text for name, _, text in _plain(RunSummary)}
-    return [(name, kind, text or known.get(name, "") or "Likewise.") for name, kind, text in _plain(Metrics)]
+    """The fields of ``metrics.json``; one without a text of its own has that of what it repeats."""
+    rows = _plain(Metrics)
+    known = {name.strip("`"): text for name, _, text in (*rows, *_plain(TrajectoryError)) if text}
+    return [
+        (name, kind, text if text and not text.startswith(GROUP) else _repeated(name.strip("`"), known))
+        for name, kind, text in rows
+    ]
+
+
+def _repeated(name: str, known: Mapping[str, str]) -> str:
+    """The text of a metric that has none of its own."""
+    for start, instead, where in REPEATED:
+        if name.startswith(start):
+            text = known[instead + name.removeprefix(start)]
+            return f"{where}: {text[0].lower() if text[1].islower() else text[0]}{text[1:]}"
+    return known[name]
 
 
 def _methods(protocol: type) -> list[tuple[str, str, str]]:

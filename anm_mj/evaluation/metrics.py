@@ -76,7 +76,7 @@ class Metrics(RunSummary):
     completion_ratio_before: float | None = None
     """Completion ratio by the runs that this one went on from alone [%]; None for a run that began with nothing."""
     observable_ratio_before: float | None = None
-    """The same of the observable surface [%]."""
+    """Completion ratio of the observable surface by those runs alone [%]."""
     accuracy_cm: float | None = None
     """Mean distance of the reconstructed mesh to the true surface [cm]."""
     mesh_completion_cm: float | None = None
@@ -84,7 +84,7 @@ class Metrics(RunSummary):
     mesh_completion_ratio: float | None = None
     """Share of the true surface within 5 cm of the reconstructed mesh [%]."""
     mesh_completion_ratio_25mm: float | None = None
-    """The same within 2.5 cm [%]."""
+    """Share of the true surface within 2.5 cm of the reconstructed mesh [%]."""
     f_score: float | None = None
     """F-score of the mesh at 5 cm [%]."""
     chamfer_cm: float | None = None
@@ -109,7 +109,7 @@ class Metrics(RunSummary):
     novel_view_depth_l1_cm: float | None = None
     """Mean absolute error of planar depth over pixels where the map has a surface [cm]."""
     novel_view_depth_error_cm: float | None = None
-    """The same over all pixels, each capped at 1 m; where the map has no surface it is 1 m [cm]."""
+    """Mean absolute error of planar depth over all pixels, each capped at 1 m; without a surface it is 1 m [cm]."""
     novel_view_known_percent: float | None = None
     """Share of the pixels where the map has a surface [%]."""
     fixed_views: int | None = None

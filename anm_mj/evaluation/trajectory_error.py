@@ -44,11 +44,12 @@ class TrajectoryError:
     position_rmse_cm: float | None = None
     """Root mean square of the position error in the world, without alignment [cm]."""
     ate_rmse_cm: float | None = None
-    """The same after the rigid alignment that makes it smallest (absolute trajectory error) [cm]."""
+    """Root mean square of the position error after the rigid alignment that makes it smallest (absolute trajectory
+    error) [cm]."""
     rpe_cm_per_m: float | None = None
     """Root mean square of the drift of position over each metre driven [cm]; None for a shorter path."""
     rpe_deg_per_m: float | None = None
-    """Likewise of the drift of rotation [deg]."""
+    """Root mean square of the drift of rotation over each metre driven [deg]; None for a shorter path."""
     rpe_deg_per_quarter_turn: float | None = None
     """Root mean square of the drift of rotation over each 90 degrees turned [deg]; None for less."""
     final_position_error_cm: float | None = None

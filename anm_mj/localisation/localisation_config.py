@@ -40,20 +40,21 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     search_least_rad: float = 0.008
     """A rotation with a larger standard deviation is searched for by earlier images first [rad]."""
     search_least_view_rad: float = 0.008
-    """As is a displacement with a larger one, as seen from the camera at the median depth of the frame [rad]."""
+    """So is a displacement with a larger one, as seen from the camera at the median depth of the frame [rad]."""
     retry_cost: float = setting(2.0, at_least=1.0)
     """A frame that costs more than this many times what frames cost of late may be in a wrong place: it is registered
     from several starts."""
     retry_vague_cost: float = setting(1.25, at_least=1.0)
-    """As is one that costs more than this many times, from a vague prior: a nearer start finds the surface."""
+    """From a vague prior, so is a frame that costs more than this many times: a nearer start finds the surface."""
     retry_least_m: float = 0.025
-    """A prior is vague with a larger standard deviation in position [m]"""
+    """A prior is vague if its position has a larger standard deviation [m]."""
     retry_least_rad: float = 0.025
-    """or with a larger one in rotation [rad]."""
+    """A prior is vague, too, if its rotation has a larger standard deviation [rad]."""
     retry_prior: float = setting(4.0, at_least=0.0)
-    """As is one with a larger squared deviation from its prior, in variances per direction of motion."""
+    """A frame with a larger squared deviation from its prior, in variances per direction of motion, is registered from
+    several starts, too."""
     retry_starts: int = setting(12, at_least=0, at_most=1000)
-    """Most starts beside the first."""
+    """Most starts of such a frame beside the first."""
     retry_deviations: float = setting(1.5, at_least=0.0)
     """They are drawn with so many standard deviations of the prior, or with ``retry_least_m`` and ``retry_least_rad``
     where these are larger."""
@@ -134,7 +135,7 @@ class CompassConfig(Settings, group="localisation.compass", error=MapError):
     """How far walls that are parallel to earlier ones tell the heading; only of a base on the floor."""
 
     is_on: bool = True
-    """Whether they are asked."""
+    """Whether walls tell the heading."""
     deviation_rad: float = 0.0005
     """Standard deviation of a wall's direction from that of others like it, at least [rad]."""
     noise_share: float = 1.5
@@ -212,9 +213,9 @@ class GraphConfig(Settings, group="localisation.graph", error=MapError):
     information: float = 0.1
     """Share of the sum over the pixels that a registration is believed by, as neighbouring pixels err together."""
     chain_m: float = 0.005
-    """Standard deviation of the estimated displacement from one keyframe to the next, by field and odometry [m],"""
+    """Standard deviation of the estimated displacement from one keyframe to the next, by field and odometry [m]."""
     chain_rad: float = 0.003
-    """and of the rotation [rad]."""
+    """Standard deviation of the estimated rotation from one keyframe to the next [rad]."""
     edge_kernel: float = 10.0
     """Width of the kernel on the deviation of a registration from the graph, in standard deviations."""
     least_overlap: float = setting(0.35, at_least=0.0, at_most=1.0)

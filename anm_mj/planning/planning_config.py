@@ -66,4 +66,4 @@ class PlanningConfig(Settings, group="planning", error=PlanError):
     return_deviation_m: float = 0.025
     """Where the standard deviation of the position exceeds this, the robot goes back to where it was half of it [m]."""
     return_deviation_rad: float = 0.015
-    """Likewise for that of the heading [rad]."""
+    """Where the standard deviation of the heading exceeds this, it does so, too [rad]."""
