@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from anm_mj.control.speed_and_acceleration import MotionLimits
 from anm_mj.control.wheel_servo import SOLVER, NoSlip
+from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.robot.base_joints import SimulatedBase
 from anm_mj.robot.description import RobotDescription
@@ -18,6 +19,8 @@ from anm_mj.types import Pose2
 
 _TASK_COST = 10.0
 _ALIGNED_RAD = math.radians(0.01)
+_ABOVE_M = 1e-6
+"""A point no farther than this beside the camera is above or below it [m]."""
 _FAR_SIDE_RAD = math.radians(120.0)
 """Beyond this angle the task has no preferred side; it first targets a point at a right angle."""
 
@@ -64,10 +67,13 @@ class LookAt:
         self._turn_radps = 0.0
 
     def next_pose(self, pose: Pose2, point_m: Float[np.ndarray, "3"]) -> Pose2 | None:
-        """Pose of the base one period after a pose; None once the camera faces the point of the world [m]."""
+        """Pose of the base one period after a pose; None once the camera faces the point of the world [m]. Raises
+        RobotError as :meth:`turn_rad`.
+        """
         error_rad = self.error_rad(pose, point_m)
         if abs(error_rad) < _ALIGNED_RAD:
             return None
+        self.turn_rad(pose, point_m)  # The task would turn for ever where there is no such turn.
         self._base.place(pose)
         self._configuration.update()
         self._task.set_target(self._target(pose, point_m, error_rad))
@@ -94,9 +100,32 @@ class LookAt:
         """Horizontal angle from the camera's axis to the point [rad]; 0 for a point above or below the camera."""
         T_world_camera = self._kinematics.T_world_camera(pose)
         x, y = point_m[:2] - T_world_camera[:2, 3]
-        if math.hypot(x, y) < 1e-6:
+        if math.hypot(x, y) < _ABOVE_M:
             return 0.0
         return wrap_angle(math.atan2(y, x) - math.atan2(T_world_camera[1, 2], T_world_camera[0, 2]))
+
+    def turn_rad(self, pose: Pose2, point_m: Float[np.ndarray, "3"]) -> float:
+        """Turn of the base on the spot after which the camera faces a point of the world [m], to the left [rad].
+
+        The camera moves with the turn: its axis passes the axis of rotation at a fixed distance, and the camera stands
+        a fixed distance along it. Raises RobotError where no turn does: the point lies nearer to the axis of rotation
+        than the camera's axis passes it, or always behind the camera.
+        """
+        T_base_camera = self._kinematics.T_base_camera
+        x, y = point_m[:2] - pose.xy_m
+        camera_x, camera_y = T_base_camera[:2, 3]
+        axis_rad = math.atan2(T_base_camera[1, 2], T_base_camera[0, 2])
+        camera_along_m = camera_x * math.cos(axis_rad) + camera_y * math.sin(axis_rad)
+        aside_m = camera_y * math.cos(axis_rad) - camera_x * math.sin(axis_rad)
+        away_m, camera_m = math.hypot(x, y), math.hypot(camera_x, camera_y)
+        along_m = math.sqrt(max(away_m**2 - aside_m**2, 0.0))
+        if away_m < abs(aside_m) or along_m < camera_along_m + _ABOVE_M:
+            raise RobotError(
+                f"No turn on the spot makes the camera face {np.round(point_m, 3).tolist()}: the point is "
+                f"{away_m:.3g} m from the robot's axis of rotation, and the camera {camera_m:.3g} m; give a point "
+                "farther away than the camera, or move the robot first."
+            )
+        return wrap_angle(math.atan2(y, x) - pose.yaw_rad - axis_rad - math.atan2(aside_m, along_m))
 
     def _target(self, pose: Pose2, point_m: Float[np.ndarray, "3"], error_rad: float) -> Float[np.ndarray, "3"]:
         """The point at the camera's height; for one behind, a point at a right angle on the nearer side."""
@@ -116,10 +145,13 @@ class PlanarLookAt(LookAt):
         self._turn_radps = 0.0
 
     def next_pose(self, pose: Pose2, point_m: Float[np.ndarray, "3"]) -> Pose2 | None:
-        """Pose of the base one period later; None once the camera faces the point."""
-        error_rad = self.error_rad(pose, point_m)
-        if abs(error_rad) < _ALIGNED_RAD:
+        """Pose of the base one period later; None once the camera faces the point. Raises RobotError as
+        :meth:`turn_rad`.
+        """
+        if abs(self.error_rad(pose, point_m)) < _ALIGNED_RAD:
             return None
-        rate = min(self._allowed_radps(error_rad), abs(error_rad) / self._period_s)
-        self._turn_radps = math.copysign(rate, error_rad)
+        # Not the angle that the camera sees: a camera ahead of the axis would overshoot a near point for ever.
+        turn_rad = self.turn_rad(pose, point_m)
+        rate = min(self._allowed_radps(turn_rad), abs(turn_rad) / self._period_s)
+        self._turn_radps = math.copysign(rate, turn_rad)
         return move_pose(pose, 0.0, self._turn_radps * self._period_s)

@@ -7,12 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anm_mj.frames import wrap_angle
 from anm_mj.types import TURN_STEP_RAD, Footprint, Observation
 
 _DIGITS = 6
 """The same camera read off two poses differs in the last digits."""
 _PITCH_DIGITS = 3
 """A base on wheels nods by less than this when it starts and stops."""
+_AZIMUTH_DIGITS = 2
+"""A base that rolls turns a tilted camera aside by less than half of the last of these."""
+_LEVEL = 1e-6
+"""An axis with a shorter horizontal part looks straight up or down."""
 STEEPEST_RAD = math.radians(75.0)
 """Rays are looked at up to this far from the horizontal [rad]; steeper ones show the floor or ceiling beside the
 robot."""
@@ -45,17 +50,26 @@ class FieldOfView:
     """Height of the camera above the floor [m]."""
     range_m: float = math.inf
     """Largest depth that the camera measures [m]."""
+    azimuth_rad: float = 0.0
+    """Where the optical axis points beside the base's heading, positive to the left; exactly 0 for straight ahead."""
 
     @classmethod
     def of(cls, observation: Observation) -> FieldOfView:
-        """The field of view of the camera that took an observation."""
+        """The field of view of the camera that took an observation.
+
+        A late image was taken before the base came to its pose: its camera counts as one that looks straight ahead.
+        """
         k, axis = observation.intrinsics, observation.T_world_camera[:3, 2]
         tangents = (k.cx / k.fx, (k.width - k.cx) / k.fx, k.cy / k.fy, (k.height - k.cy) / k.fy)
         pitch = math.atan2(float(axis[2]), float(np.hypot(axis[0], axis[1])))
         # Adding zero turns a minus zero into zero.
         left, right, up, down = (round(value, _DIGITS) for value in tangents)
         pitch = round(pitch, _PITCH_DIGITS) + 0.0
-        return cls(left, right, up, down, pitch, float(observation.T_world_camera[2, 3]), observation.range_m)
+        height_m, azimuth = float(observation.T_world_camera[2, 3]), 0.0
+        if not observation.image_age_s and np.hypot(axis[0], axis[1]) > _LEVEL:
+            aside = wrap_angle(math.atan2(float(axis[1]), float(axis[0])) - observation.pose.yaw_rad)
+            azimuth = round(aside, _AZIMUTH_DIGITS) + 0.0
+        return cls(left, right, up, down, pitch, height_m, observation.range_m, azimuth)
 
     @property
     def width_rad(self) -> float:

@@ -35,7 +35,8 @@ class PlanningConfig(Settings, group="planning", error=PlanError):
     far_m: float = 10.0
     """Policies that ask for a graph thinned out far away get it from this distance on [m]."""
     min_site_distance_m: float = 0.3
-    """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
+    """Ridges between surface points nearer to each other than this lead into walls, not along them [m]; for a narrow
+    robot, nearer than twice the clearance that its paths keep."""
     region_percentile: float = setting(80.0, below=100.0)
     """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
     region_known_by: str = setting("range", choices=("error", "range"))

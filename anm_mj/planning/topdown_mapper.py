@@ -29,7 +29,8 @@ from anm_mj.utils.arrays import Window, bounds, clamp, dilate, dilate_mask, embe
 COLLISION_CELLS, SMALL_COLLISION_CELLS = 2, 1
 """Radius of the obstacle that a collision leaves in the map, and its radius once it closed the only way on [cells]."""
 MAX_CLEARANCE_M = 1.2
-"""Larger clearances are given as this [m]: a body has no use for more, and near ones can be kept up locally."""
+"""Larger clearances are given as this, or as the cell beyond what paths keep where that is more [m]: a body has no use
+for more, and near ones can be kept up locally."""
 MAX_DEPTH_M = 0.2
 """Clearance inside of obstacles and the unknown is given down to minus this [m]."""
 LOW_SEEN_M = 3.0
@@ -281,7 +282,9 @@ class TopDownMapper:
         return bounds(before != remembered, window)
 
     def _update_clearance(self, window: Window, resolution_m: float) -> None:
-        cap, depth = math.ceil(MAX_CLEARANCE_M / resolution_m), math.ceil(MAX_DEPTH_M / resolution_m + 0.5)
+        # No place would be clear enough for paths that keep as much as the cap, from the middle of a cell.
+        kept = math.ceil((self.footprint.radius_m + self.config.margin_m) / resolution_m) + 1
+        cap, depth = max(math.ceil(MAX_CLEARANCE_M / resolution_m), kept), math.ceil(MAX_DEPTH_M / resolution_m + 0.5)
         layers = self._layers
         reached = dilate(window, cap, layers.state.shape)
         needed = dilate(reached, cap, layers.state.shape)

@@ -54,7 +54,8 @@ def voronoi_graph(
     beyond = diagram.neighbors > np.arange(len(vertices))[:, None]
     triangle, corner = np.nonzero(beyond & free[:, None] & free[diagram.neighbors])
     a, b = (sites[diagram.simplices[triangle, (corner + k) % 3]] for k in (1, 2))
-    usable = _length(a - b) >= config.min_site_distance_m
+    # The two sides of a passage that a narrow robot fits through may be nearer to each other than that.
+    usable = _length(a - b) >= min(config.min_site_distance_m, 2.0 * safe_m)
     ridges, a = np.stack([triangle, diagram.neighbors[triangle, corner]], axis=1)[usable], a[usable]
     usable = _segment_distance(a, vertices[ridges[:, 0]], vertices[ridges[:, 1]]) >= safe_m
     ridges, a = ridges[usable], a[usable]

@@ -12,19 +12,18 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV
 from anm_mj.mjcf.poses import body_pose, camera_pose, quaternion_of, set_pose
 from anm_mj.robot.compiled_robot import CompiledRobot, solid_geoms, unused_name
-from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, CameraConfig, CameraPose, RobotConfig
+from anm_mj.robot.robot_config import MAX_ASIDE_DEG, MAX_ASIDE_M, MAX_TILT_DEG, CameraConfig, CameraPose, RobotConfig
 
 CAMERA = "camera"
-_ASIDE_DEG = 30.0
-"""A camera looks within this angle of the robot's forward direction, seen from above [deg]."""
+ROUNDING_DEG = 0.01
+"""A camera may be tilted by so much more than ``MAX_TILT_DEG``: files round [deg]."""
 _INSIDE_M = {"file": 0.035, "mounted": 0.005}
 """A camera deeper inside the robot's body than this is misplaced [m]; in files a lens lies in its head's hull."""
-_ROUNDING_DEG = 0.01
 _HIGHEST_M = 3.0
 """Above this a camera is in the ceiling, and the file is not in metres [m]."""
 _ON_ARM = re.compile(r"wrist|hand|grip|finger|arm|eef|tool|d405|palm", re.IGNORECASE)
 _DEPTH = re.compile(r"depth|infra|(^|_)ir\d?($|_)", re.IGNORECASE)
-_ROLL_DEG = 10.0
+UPRIGHT_DEG = 10.0
 """A camera rolled by less counts as upright [deg]."""
 _LEVEL = 0.1
 
@@ -124,18 +123,22 @@ def upright_camera(robot: CompiledRobot, name: str, T_world_base: Float[np.ndarr
     :func:`remount_camera`. Returns what was done, for the notes; empty where the camera stands upright.
     """
     T_base_camera = np.linalg.inv(T_world_base) @ camera_pose(robot.model, robot.data, name)
-    ahead = T_base_camera[:3, 2]
-    level = np.array([ahead[1], -ahead[0], 0.0])
-    if np.linalg.norm(level) < _LEVEL:
-        return ""  # Straight up or down: nothing is upright.
-    level /= np.linalg.norm(level)
-    down = np.cross(ahead, level)
-    roll_deg = math.degrees(math.atan2(float(T_base_camera[:3, 0] @ down), float(T_base_camera[:3, 0] @ level)))
-    if abs(roll_deg) < _ROLL_DEG:
+    roll = roll_deg(T_base_camera)
+    if abs(roll) < UPRIGHT_DEG:
         return ""
-    T_base_camera[:3, 0], T_base_camera[:3, 1] = level, down
+    T_base_camera[:3, :2] = _upright_axes(T_base_camera)
     _place(robot, name, T_world_base, T_base_camera)
-    return f"camera {name} is mounted rolled by {roll_deg:.0f} degrees; its image is turned upright"
+    return f"camera {name} is mounted rolled by {roll:.0f} degrees; its image is turned upright"
+
+
+def roll_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
+    """How far a camera is turned about its optical axis, clockwise as seen along it [deg]; 0 where it looks straight up
+    or down, for there nothing is upright.
+    """
+    if math.hypot(*T_base_camera[:2, 2]) < _LEVEL:
+        return 0.0
+    level, down = _upright_axes(T_base_camera).T
+    return math.degrees(math.atan2(float(T_base_camera[:3, 0] @ down), float(T_base_camera[:3, 0] @ level)))
 
 
 def tilt_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
@@ -155,13 +158,13 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
     RobotError if it does not, or it is below the floor, above all rooms or far from the robot.
     """
     tilt, aside = tilt_deg(T_base_camera), aside_deg(T_base_camera)
-    if abs(tilt) > MAX_TILT_DEG + _ROUNDING_DEG:
+    if abs(tilt) > MAX_TILT_DEG + ROUNDING_DEG:
         raise RobotError(
             f"The camera {camera} of {path} looks {abs(tilt):.0f} degrees {'down' if tilt > 0 else 'up'}; it must look "
             f"within {MAX_TILT_DEG:g} degrees of the horizontal: name another by --set model.camera=NAME, choose a key "
             "frame by --set model.keyframe=NAME, or mount one by --set model.camera_pose=x,y,z,pitch,fovy."
         )
-    if abs(aside) > _ASIDE_DEG:
+    if abs(aside) > MAX_ASIDE_DEG:
         raise RobotError(
             f"The camera {camera} of {path} does not look forward, but {abs(aside):.0f} degrees to the "
             f"{'left' if aside > 0 else 'right'} of where {wheels}; "
@@ -232,7 +235,7 @@ def _off_duty(model: mujoco.MjModel, camera: int) -> bool:
 def _fits(data: mujoco.MjData, camera: int, T_world_base: Float[np.ndarray, "4 4"]) -> bool:
     ahead = T_world_base[:3, :3].T @ -data.cam_xmat[camera].reshape(3, 3)[:, 2]
     tilt, aside = math.asin(np.clip(ahead[2], -1.0, 1.0)), math.atan2(ahead[1], ahead[0])
-    return abs(math.degrees(tilt)) <= MAX_TILT_DEG + _ROUNDING_DEG and abs(math.degrees(aside)) <= _ASIDE_DEG
+    return abs(math.degrees(tilt)) <= MAX_TILT_DEG + ROUNDING_DEG and abs(math.degrees(aside)) <= MAX_ASIDE_DEG
 
 
 def _no_camera(robot: CompiledRobot, cameras: list[int], T_world_base: Float[np.ndarray, "4 4"], what: str) -> str:
@@ -250,6 +253,14 @@ def _no_camera(robot: CompiledRobot, cameras: list[int], T_world_base: Float[np.
         f"The robot {robot.path} has no {what}; its cameras are {known}: name one by --set model.camera=NAME, or mount "
         "one by --set model.camera_pose=x,y,z,pitch,fovy."
     )
+
+
+def _upright_axes(T_base_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3 2"]:
+    """The axes to the right and down of a camera that looks along the same axis with an upright image, as columns."""
+    ahead = T_base_camera[:3, 2]
+    level = np.array([ahead[1], -ahead[0], 0.0])
+    level /= np.linalg.norm(level)
+    return np.stack([level, np.cross(ahead, level)], axis=1)
 
 
 def _place(

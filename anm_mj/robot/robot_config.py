@@ -9,6 +9,8 @@ from anm_mj.errors import RobotError
 DEFAULT_ROBOT = "diff_drive"
 MAX_TILT_DEG = 45.0
 """A camera looks within this angle of the horizontal [deg]."""
+MAX_ASIDE_DEG = 30.0
+"""A camera looks within this angle of the robot's forward direction, seen from above [deg]."""
 MAX_ASIDE_M = 2.0
 """A camera is within this distance of the base, forwards and sideways [m]."""
 FOV_DEG = 10.0, 150.0

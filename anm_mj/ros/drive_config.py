@@ -33,7 +33,7 @@ class RosConfig(Settings, group="ros", error=RobotError):
     """Whether velocities are ``geometry_msgs/TwistStamped`` instead of ``Twist``."""
     base_frame: str = ""
     """Frame of the base on the floor; empty = ``base_footprint`` where there is one, else the child of the odometry."""
-    radius_m: float = 0.18
+    radius_m: float = setting(0.18, at_most=2.0)
     """Radius of the robot about its axis of rotation [m]."""
     low_m: float = setting(0.05, at_least=0.0)
     """The robot drives over what is lower than this [m]."""

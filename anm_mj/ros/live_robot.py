@@ -11,6 +11,7 @@ from jaxtyping import Float, Float32
 from anm_mj.control.action_motion import action_motion
 from anm_mj.errors import RobotError
 from anm_mj.frames import back_project, move_pose, pose_matrix, relative_pose, wrap_angle
+from anm_mj.ros.camera_mount import require_view_ahead, turned, turned_pose, turns_to_upright
 from anm_mj.ros.commander import PERIOD_S, STILL, Commander, free_way_m
 from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.ros.health import Health
@@ -53,7 +54,7 @@ _BELOW_M, _BELOW_SHARE = 0.15, 0.2
 """More of the first image so far below the floor contradicts the frames or the depth."""
 _DRY_S = 1.0
 """A run that only shows looks again after this time [s]."""
-_OF_THE_MOMENT = ("_rest_s", "_last", "_way", "_aim", "_coast")
+_OF_THE_MOMENT = ("_rest_s", "_last", "_way", "_aim", "_coast", "_turns", "_looks_ahead")
 
 _logger = logging.getLogger(__name__)
 
@@ -82,6 +83,10 @@ class LiveRobot:
         self._coast = dict(_COAST)
         self._way: tuple[float, float] = (-math.inf, math.inf)
         """When the way ahead was seen last, and how far it is free then [s, m]."""
+        self._turns: int | None = None
+        """Turns that make images upright, the same for the whole run; None before the first one."""
+        self._looks_ahead = False
+        """Whether the camera is known to look ahead."""
         commander.way_m, commander.stamp_s = (lambda: self._way[1]), (lambda: poses.latest_s)
         intake.on_depth = self._see_way
 
@@ -90,9 +95,18 @@ class LiveRobot:
         """The cylinder that must stay clear of obstacles."""
         return self._config.ros.footprint
 
+    def get_state(self) -> int | None:
+        """How images are turned, for checkpoints: a run keeps its camera."""
+        return self._turns
+
+    def set_state(self, turns: int | None) -> None:
+        """Take over what :meth:`get_state` gave; checkpoints from before images were turned have none."""
+        self._turns = int(turns or 0) % 4
+
     def observe(self) -> Observation:
-        """The first view since the robot came to rest; the last one again if the run is to end before that. Raises
-        RobotError if there was none, or the first view contradicts the frames.
+        """The first view since the robot came to rest, turned upright; the last one again if the run is to end before
+        that. Raises RobotError if there was none, the first view contradicts the frames, or its camera does not look
+        ahead.
         """
         while True:
             # A clock that was set back makes the time of rest one to come.
@@ -222,6 +236,7 @@ class LiveRobot:
         pose, T_base_camera = self._poses.base(seen.time_s), self._poses.camera(seen.frame, seen.time_s)
         if pose is None or T_base_camera is None:
             return None
+        seen, T_base_camera = self._upright(seen, T_base_camera)
         return Observation(
             step=self.step,
             time_s=seen.time_s,
@@ -232,6 +247,17 @@ class LiveRobot:
             pose=pose,
             range_m=self._config.ros.max_range_m or math.inf,
         )
+
+    def _upright(self, seen: Rgbd, T_base_camera: Float[np.ndarray, "4 4"]) -> tuple[Rgbd, Float[np.ndarray, "4 4"]]:
+        """An image and its camera as nearly upright as quarter turns make them. Raises RobotError if the first one's
+        camera does not look ahead.
+        """
+        if not self._looks_ahead:
+            require_view_ahead(T_base_camera, seen.frame, self._poses.base_frame)
+            self._looks_ahead = True
+        if self._turns is None:
+            self._turns = turns_to_upright(T_base_camera)
+        return turned(seen, self._turns), turned_pose(T_base_camera, self._turns)
 
     def _see_way(self, time_s: float, depth_m: Float32[np.ndarray, "h w"], camera: Intrinsics, frame: str) -> None:
         ros = self._config.ros

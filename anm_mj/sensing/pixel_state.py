@@ -67,6 +67,11 @@ def measured_pixels(observation: Observation) -> Bool[np.ndarray, "h w"]:
     return _state_of(observation) == PixelState.MEASURED
 
 
+def moved_pixels(observation: Observation) -> Bool[np.ndarray, "h w"]:
+    """The pixels that show what moves, and hide what is behind it."""
+    return _state_of(observation) == PixelState.MOVED
+
+
 def _state_of(observation: Observation) -> UInt8[np.ndarray, "h w"]:
     """What the observation carries, or would."""
     return _states(observation.depth_m) if observation.pixel_state is None else observation.pixel_state

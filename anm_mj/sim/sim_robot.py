@@ -222,7 +222,7 @@ class SimRobot:
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point share a vertical plane. The point [m] is in the frame of
         the observations' poses. ``step`` does not count the motion; the result has the equivalent number of steps.
-        Raises RobotError if the point is not finite.
+        Raises RobotError if the point is not finite, or so near to the axis of rotation that no turn faces it.
         """
         if not np.isfinite(point_m).all():
             raise RobotError(f"The robot cannot look at {np.asarray(point_m).tolist()}; all three must be finite.")

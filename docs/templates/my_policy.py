@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, Observation, Plan, Pose2, StopReason
+from anm_mj.types import ARRIVED_M, Action, Observation, Plan, Pose2, StopReason
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class MyPolicy:
         places, border = state.graph.vertex_xy_m, state.topdown.frontier_xy_m
         near = cdist(places, border).min(axis=1, initial=np.inf) < self.settings.near_m
         near &= cdist(places, self.targets).min(axis=1) > self.settings.apart_m
-        cost_m = np.where(near, state.paths.distance_m, np.inf)
+        cost_m = np.where(near & (cdist(places, [state.pose.xy_m])[:, 0] > ARRIVED_M), state.paths.distance_m, np.inf)
         if not np.isfinite(cost_m).any():
             return state.plan("no path leads to the unknown", stop=StopReason.COMPLETE)
         best = int(np.argmin(cost_m))

@@ -23,12 +23,12 @@ BODY = Footprint(0.18, 0.05, 1.35)
 HERE = Pose2(0.2, 0.1, 0.4)
 
 
-def view(fov_deg=90.0, width=64, height=64, tilt_deg=0.0, height_m=1.25, range_m=math.inf, pose=HERE):
-    """An observation of the box room by a camera with a horizontal field of view."""
+def view(fov_deg=90.0, width=64, height=64, tilt_deg=0.0, height_m=1.25, range_m=math.inf, pose=HERE, aside_deg=0.0):
+    """An observation of the box room by a camera with a horizontal field of view, which looks aside to the left."""
     fov_y = 2.0 * math.atan(math.tan(math.radians(fov_deg) / 2.0) * height / width)
     intrinsics = Intrinsics.from_fov(width, height, fov_y)
     c, s = math.cos(math.radians(tilt_deg)), math.sin(math.radians(tilt_deg))
-    T = camera_pose(pose, height_m)
+    T = camera_pose(replace(pose, yaw_rad=pose.yaw_rad + math.radians(aside_deg)), height_m)
     T[:3, :3] = T[:3, :3] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     depth = room_depth(T, intrinsics)
     return Observation(0, 0.0, np.full((height, width, 3), 9, np.uint8), depth, intrinsics, T, pose, range_m)
@@ -71,6 +71,30 @@ def test_the_usual_camera_is_read_exactly():
     assert camera.slopes(0.95) == (-0.95, 0.95)
     assert camera.corner_ratio == math.sqrt(2.0)
     assert camera.width_rad == math.pi / 2
+
+
+@pytest.mark.parametrize("yaw_deg", range(-180, 180, 10))
+@pytest.mark.parametrize("tilt_deg", [0.0, -30.0])
+def test_a_camera_that_looks_straight_ahead_does_so_to_the_last_digit(yaw_deg: int, tilt_deg: float):
+    for off in (0.0, 1e-6, -1e-6, -1e-15):
+        pose = Pose2(0.2, 0.1, math.radians(yaw_deg))
+        seen = replace(view(tilt_deg=tilt_deg, pose=pose), pose=replace(pose, yaw_rad=pose.yaw_rad + off))
+        azimuth = FieldOfView.of(seen).azimuth_rad
+        assert azimuth == 0.0
+        assert math.copysign(1.0, azimuth) == 1.0
+
+
+@pytest.mark.parametrize("aside_deg", [-30.0, -5.0, 17.0, 30.0])
+def test_where_a_camera_looks_beside_the_heading_is_read_off(aside_deg: float):
+    for yaw_deg in (-175.0, 0.0, 90.0, 179.0):
+        seen = view(tilt_deg=-20.0, pose=Pose2(0.2, 0.1, math.radians(yaw_deg)), aside_deg=aside_deg)
+        assert FieldOfView.of(seen).azimuth_rad == pytest.approx(math.radians(aside_deg), abs=0.005)
+
+
+def test_where_nobody_knows_where_a_camera_looks_it_looks_ahead():
+    # A late image was taken before the last turn; one straight up has no heading.
+    assert FieldOfView.of(replace(view(aside_deg=20.0), image_age_s=0.1)).azimuth_rad == 0.0
+    assert FieldOfView.of(replace(view(), T_world_camera=np.eye(4))).azimuth_rad == 0.0
 
 
 def test_the_blind_zone_grows_with_tilt_and_narrow_views():

@@ -1,9 +1,11 @@
 """Keeps a faulty policy from ending a run without its files: what it raises or returns wrongly becomes a stop."""
 
 import logging
+import operator
 import reprlib
 import traceback
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,27 @@ import numpy as np
 from anm_mj.control.path_follower import Follower
 from anm_mj.errors import AnmError, PlanError
 from anm_mj.protocols import Continues, Mapper, Policy
-from anm_mj.types import Action, ExploredState, Observation, Plan, Pose2, StopReason
+from anm_mj.types import (
+    Action,
+    Candidate,
+    ExploredState,
+    Observation,
+    Plan,
+    Pose2,
+    Region,
+    StopReason,
+    TargetOutcome,
+    TopDownMap,
+    UnexploredPatch,
+    VoronoiGraph,
+)
 
 _logger = logging.getLogger(__name__)
+
+_PARTS = {"topdown": TopDownMap, "graph": VoronoiGraph, "closed": TargetOutcome}
+"""Fields of a plan that hold one thing or none."""
+_TUPLES = {"regions": Region, "candidates": Candidate, "unexplored": UnexploredPatch}
+"""Fields of a plan that hold some things."""
 
 
 class GuardedPolicy:
@@ -105,6 +125,9 @@ def plan_fault(plan: Any, pose: Pose2) -> str | None:
         return f"it is {'nothing' if plan is None else f'of type {type(plan).__name__}'}, not an anm_mj.types.Plan"
     if not isinstance(plan.reason, str):
         return f"reason is {reprlib.repr(plan.reason)}, not a text"
+    wrong = _logged_fault(plan)
+    if wrong is not None:
+        return wrong
     if plan.stop is not None:
         return None if isinstance(plan.stop, StopReason) else f"stop is {reprlib.repr(plan.stop)}, not a StopReason"
     path = plan.path_xy_m
@@ -128,7 +151,7 @@ def plan_fault(plan: Any, pose: Pose2) -> str | None:
         return (
             f"actions is {reprlib.repr(plan.actions)}; they must be moves and turns, and a stop is a StopReason in stop"
         )
-    if not isinstance(plan.valid_steps, int) or plan.valid_steps < 0:
+    if not _is_count(plan.valid_steps):
         return f"valid_steps is {reprlib.repr(plan.valid_steps)}, not a whole number from 0 up"
     follower = Follower()
     follower.start(plan)
@@ -138,3 +161,31 @@ def plan_fault(plan: Any, pose: Pose2) -> str | None:
             "are no actions and no stop"
         )
     return None
+
+
+def _logged_fault(plan: Plan) -> str | None:
+    """What is wrong with the fields that logs and films show; None if they can be written."""
+    for name, kind in _PARTS.items():
+        part = getattr(plan, name)
+        if part is None:
+            continue
+        if not isinstance(part, kind):
+            return f"{name} is of type {type(part).__name__}, not an anm_mj.types.{kind.__name__}"
+        for field in fields(part):
+            if isinstance(getattr(part, field.name), (tuple, list)):
+                return f"{name}.{field.name} is of type {type(getattr(part, field.name)).__name__}, not an array"
+    for name, kind in _TUPLES.items():
+        some = getattr(plan, name)
+        if not isinstance(some, (tuple, list)) or not all(isinstance(each, kind) for each in some):
+            return f"{name} is {reprlib.repr(some)}, not a tuple of anm_mj.types.{kind.__name__}"
+    if not isinstance(plan.stage_ms, dict):
+        return f"stage_ms is {reprlib.repr(plan.stage_ms)}, not milliseconds by the name of a stage"
+    return None
+
+
+def _is_count(value: Any) -> bool:
+    """Whether a value is a whole number from 0 up, of Python or of NumPy."""
+    try:
+        return operator.index(value) >= 0
+    except TypeError:
+        return False

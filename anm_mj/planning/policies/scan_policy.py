@@ -5,6 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
@@ -14,6 +15,9 @@ from anm_mj.types import FORWARD_STEP_M, Action, ExploredState, Observation, Pos
 
 class ScanPolicy:
     """Base of policies that decide on a :class:`~anm_mj.planning.scan_grid.ScanGrid`."""
+
+    _azimuth_rad = 0.0
+    """Where the camera looks beside the heading, as seen last [rad]."""
 
     def __init__(self, context: PolicyContext, range_m: float):
         """Start with an empty grid; depth beyond ``range_m`` is left out of it."""
@@ -42,6 +46,7 @@ class ScanPolicy:
     def observe(self, observation: Observation) -> None:
         """Take a scan into the grid."""
         self.grid.integrate(observation)
+        self._azimuth_rad = FieldOfView.of(observation).azimuth_rad
         (x_m, y_m), last_m = observation.pose.xy_m, self._driven[-1] if self._driven else (math.inf, math.inf)
         moved_m = math.dist((x_m, y_m), last_m)
         if moved_m > RESOLUTION_M / 2:

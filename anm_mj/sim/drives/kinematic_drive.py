@@ -102,7 +102,9 @@ class KinematicDrive(WheelDrive):
         return MotionResult(False, speeds, abs(forward_m), abs(turn_rad), duration_s)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
+        """Turn on the spot until the camera's axis and a point of the world share a vertical plane. Raises RobotError
+        where no turn brings this about, as :meth:`LookAt.turn_rad`.
+        """
         controller, turned_rad = self._look_at_controller(), 0.0
         start_s, start_angles_rad = self._data.time, self._base.wheel_angles_rad
         while (following := controller.next_pose(pose := self._base.pose, point_m)) is not None:

@@ -209,7 +209,9 @@ class PhysicsDrive(WheelDrive):
         return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
+        """Turn on the spot until the camera's axis and a point of the world share a vertical plane. Raises RobotError,
+        with the robot at rest, where no turn brings this about: as :meth:`LookAt.turn_rad`.
+        """
         self._brake()
         controller, turned_rad, self._touched = self._look_at_controller(), 0.0, False
         start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad

@@ -1,5 +1,6 @@
 """What a faulty policy does ends the run in a sentence that names it."""
 
+import copy
 import math
 from unittest.mock import Mock
 
@@ -10,11 +11,15 @@ from anm_mj.checkpoint.known_classes import attributes_of
 from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, Plan, Pose2, StopReason
+from anm_mj.types import Action, Candidate, Plan, Pose2, StopReason, TargetOutcome, TopDownMap, VoronoiGraph
 from tests.box_room import observe
 
 HERE = Pose2(0.5, 0.5, 0.0)
 NOWHERE = np.zeros((0, 2))
+TOPDOWN = TopDownMap(np.ones((2, 2), np.float32), np.zeros((2, 2), np.int8), 0.05, np.zeros(2))
+GRAPH = VoronoiGraph(np.zeros((2, 2)), np.ones(2), np.array([[0, 1]]), np.ones(1))
+PLACE = Candidate(np.zeros(2), 1.0, 1.0, 3.0)
+CLOSED = TargetOutcome(np.zeros(2), "corner", 1.0, 1.0, 0.5, judged=True)
 
 
 class Fake:
@@ -38,12 +43,17 @@ class Fake:
         self._maybe("on_collision")
 
 
-def wrong(**values):
-    """A plan with values that the checks of the tests would not let through."""
-    plan = Plan("x", NOWHERE)
+def replaced(thing, **values):
+    """A copy with values that the checks of the tests would not let through."""
+    other = copy.copy(thing)
     for name, value in values.items():
-        object.__setattr__(plan, name, value)
-    return plan
+        object.__setattr__(other, name, value)
+    return other
+
+
+def wrong(**values):
+    """A plan with such values."""
+    return replaced(Plan("x", NOWHERE), **values)
 
 
 def test_what_a_sentence_says_is_in_no_checkpoint():
@@ -62,6 +72,8 @@ def decided(policy):
         Plan("look", NOWHERE, headings_rad=(1.0, -2.0)),
         Plan("turn", NOWHERE, actions=(Action.TURN_LEFT,)),
         Plan("done", NOWHERE, stop=StopReason.COMPLETE),
+        wrong(headings_rad=[1.0], valid_steps=np.int64(8), regions=[], candidates=[]),
+        Plan("seen", headings_rad=(1.0,), topdown=TOPDOWN, graph=GRAPH, candidates=(PLACE,), closed=CLOSED),
     ],
 )
 def test_a_plan_that_can_be_executed_passes(plan):
@@ -92,6 +104,17 @@ def test_a_plan_that_can_be_executed_passes(plan):
         (wrong(actions=np.array([1, 1])), "they must be moves and turns"),
         (wrong(path_xy_m=np.array([[1.0, 2.0]]), valid_steps=-1), "valid_steps is -1"),
         (wrong(reason=None, headings_rad=(1.0,)), "reason is None"),
+        (wrong(headings_rad=(1.0,), valid_steps=2.5), "valid_steps is 2.5"),
+        (wrong(headings_rad=(1.0,), valid_steps="8"), "valid_steps is '8'"),
+        (wrong(headings_rad=(1.0,), graph=Mock()), "graph is of type Mock, not an anm_mj.types.VoronoiGraph"),
+        (wrong(headings_rad=(1.0,), topdown=np.zeros((3, 3))), "topdown is of type ndarray, not an anm_mj.types"),
+        (wrong(headings_rad=(1.0,), graph=replaced(GRAPH, edges=[])), "graph.edges is of type list, not an array"),
+        (wrong(headings_rad=(1.0,), regions=None), "regions is None, not a tuple of anm_mj.types.Region"),
+        (wrong(headings_rad=(1.0,), regions=("wall",)), r"regions is \('wall',\), not a tuple of"),
+        (wrong(headings_rad=(1.0,), candidates=PLACE.xy_m), "candidates is array.*, not a tuple of"),
+        (wrong(headings_rad=(1.0,), closed="all"), "closed is of type str, not an anm_mj.types.TargetOutcome"),
+        (wrong(headings_rad=(1.0,), stage_ms=None), "stage_ms is None, not milliseconds"),
+        (wrong(stop=StopReason.COMPLETE, unexplored=None), "unexplored is None, not a tuple of"),
     ],
 )
 @pytest.mark.filterwarnings("ignore")

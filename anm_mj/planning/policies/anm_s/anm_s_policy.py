@@ -70,6 +70,8 @@ class AnmS:
     """Active Neural Mapping at Scale (Kuang et al., IROS 2024) on our stages."""
 
     Config = AnmSConfig
+    _azimuth_rad = 0.0
+    """Where the camera looks beside the heading, as seen last [rad]."""
 
     def __init__(self, context: PolicyContext[AnmSConfig]):
         """Start before the bootstrap rotation; the seed decides about random targets alone."""
@@ -103,13 +105,16 @@ class AnmS:
         """Take note of what lies ahead, and of which regions come into view at the target."""
         self.stages.observe(observation)
         pose = observation.pose
-        narrower = min(FieldOfView.of(observation).width_rad / USUAL_VIEW_RAD, 1.0)
+        camera = FieldOfView.of(observation)
+        self._azimuth_rad = camera.azimuth_rad
+        narrower = min(camera.width_rad / USUAL_VIEW_RAD, 1.0)
         self._well_in_view_rad = narrower * math.radians(self.config.well_in_view_deg)
         self._finder.observe(observation)
         if self.targets.is_near(pose):
             # There is no better place to see them from, so that is all there is to see of them.
+            axis_rad = pose.yaw_rad + self._azimuth_rad
             for region in self.targets.regions:
-                if abs(off_axis(region, pose.xy_m, pose.yaw_rad)) < self._well_in_view_rad + TURN_STEP_RAD:
+                if abs(off_axis(region, pose.xy_m, axis_rad)) < self._well_in_view_rad + TURN_STEP_RAD:
                     self.stages.region_finder.mark_observed(region)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
@@ -151,7 +156,7 @@ class AnmS:
         here = np.linalg.norm(xy - now.pose.xy_m) < ARRIVED_M
         leg = path[-1] - path[-2] if len(path) > 1 else np.zeros(2)
         arrival_yaw = now.pose.yaw_rad if here else math.atan2(leg[1], leg[0])
-        headings = view_headings(regions, xy, arrival_yaw, self._well_in_view_rad)
+        headings = view_headings(regions, xy, arrival_yaw, self._well_in_view_rad, self._azimuth_rad)
         # A heading within half a turn step is taken already.
         turns = any(abs(wrap_angle(heading - now.pose.yaw_rad)) > TURN_ABOVE_RAD for heading in headings)
         if not len(path) or (here and not turns):
@@ -222,7 +227,8 @@ class AnmS:
         self.targets.choose(xy[chosen], (), unvisited=False)
         towards = look_at(chosen) - xy[chosen]
         reason = f"every vertex is visited: a look into {what}, {distance_m[chosen]:.1f} m away"
-        return now.plan(reason, path_xy_m=path, headings_rad=(math.atan2(towards[1], towards[0]),))
+        yaw = wrap_angle(math.atan2(towards[1], towards[0]) - self._azimuth_rad)
+        return now.plan(reason, path_xy_m=path, headings_rad=(yaw,))
 
     def _without_candidates(self, now: RegionState) -> Plan:
         """One full rotation, as in the authors' released code; if that brings nothing, stop."""

@@ -14,17 +14,23 @@ PIXEL_STEP = 4
 
 
 def view_headings(
-    regions: tuple[Region, ...], xy_m: Float[np.ndarray, "2"], yaw_rad: float, well_in_view_rad: float
+    regions: tuple[Region, ...],
+    xy_m: Float[np.ndarray, "2"],
+    yaw_rad: float,
+    well_in_view_rad: float,
+    azimuth_rad: float = 0.0,
 ) -> tuple[float, ...]:
     """Yaws to turn to, one after the other, until every region has been well in view.
 
-    The robot stands at a place [m] with a heading [rad]; a region this far off the camera's axis is well in view.
+    The robot stands at a place [m] with a heading [rad], beside which its camera looks by ``azimuth_rad``; a region
+    this far off the camera's axis is well in view.
     """
     headings: list[float] = []
     left = list(regions)
     while left:
-        left.sort(key=lambda region: abs(off_axis(region, xy_m, yaw_rad)))
-        error = off_axis(left.pop(0), xy_m, yaw_rad)
+        axis_rad = yaw_rad + azimuth_rad
+        left.sort(key=lambda region: abs(off_axis(region, xy_m, axis_rad)))
+        error = off_axis(left.pop(0), xy_m, axis_rad)
         if abs(error) > well_in_view_rad:
             yaw_rad = wrap_angle(yaw_rad + error - math.copysign(well_in_view_rad, error))
             headings.append(yaw_rad)

@@ -171,7 +171,7 @@ class Frontier(ScanPolicy):
         if is_nearer or not math.isfinite(routes.cost_at(place)):
             place = nearest
         is_far = math.dist(contact, place) >= self.config.max_gap_m
-        if is_far or step > target.last_step or _is_looked_at(contact, place, routes.pose):
+        if is_far or step > target.last_step or self._is_looked_at(contact, place, routes.pose):
             self._given_up_xy_m = np.concatenate([self._given_up_xy_m, contact[None]])
             return None
         return target._replace(place_xy_m=place)
@@ -182,11 +182,10 @@ class Frontier(ScanPolicy):
         """The path to the present target and a look at it."""
         assert self._chosen is not None  # Both callers have just set it.
         contact, place = self._chosen.contact_xy_m, self._chosen.place_xy_m
-        towards = contact - place
         return Plan(
             reason,
             routes.path_to(place),
-            (math.atan2(towards[1], towards[0]),),
+            (self._yaw_to_see(contact, place),),
             valid_steps=self.config.replan_steps,
             candidates=tuple(
                 Candidate(p, -f.hops, float(f.num_cells), f.hops * routes.topdown.resolution_m / FORWARD_STEP_M)
@@ -208,7 +207,8 @@ class Frontier(ScanPolicy):
             if (np.linalg.norm(self._given_up_xy_m - contact, axis=1) < self.config.given_up_m).any():
                 continue
             place = routes.nearest(contact)
-            if math.dist(contact, place) < self.config.max_gap_m and not _is_looked_at(contact, place, routes.pose):
+            is_near = math.dist(contact, place) < self.config.max_gap_m
+            if is_near and not self._is_looked_at(contact, place, routes.pose):
                 left.append((frontier, place))
         return left
 
@@ -223,6 +223,18 @@ class Frontier(ScanPolicy):
             rows, cols = cells[KDTree(self._given_up_xy_m).query(xy_m)[0] < self.config.given_up_m].T
             kept[rows, cols] = np.inf
         return kept
+
+    def _yaw_to_see(self, contact_xy_m: Float[np.ndarray, "2"], place_xy_m: Float[np.ndarray, "2"]) -> float:
+        """The heading at which the camera looks from a place at a frontier [rad]."""
+        towards = contact_xy_m - place_xy_m
+        return wrap_angle(math.atan2(towards[1], towards[0]) - self._azimuth_rad)
+
+    def _is_looked_at(
+        self, contact_xy_m: Float[np.ndarray, "2"], place_xy_m: Float[np.ndarray, "2"], pose: Pose2
+    ) -> bool:
+        """Whether the robot stands where it can see a frontier from, and its camera faces it."""
+        error = wrap_angle(self._yaw_to_see(contact_xy_m, place_xy_m) - pose.yaw_rad)
+        return math.dist(place_xy_m, pose.xy_m) < ARRIVED_M and abs(error) < TURN_STEP_RAD
 
 
 def border_hops(topdown: TopDownMap, pose: Pose2) -> Float[np.ndarray, "rows cols"]:
@@ -246,10 +258,3 @@ def frontiers(topdown: TopDownMap, contact: Float[np.ndarray, "rows cols"]) -> l
     xy_m = cell_to_world(np.array(first), topdown.origin_xy_m, topdown.resolution_m)
     found = [_Frontier(xy, int(sizes[k + 1]), float(contact[first[k]])) for k, xy in enumerate(xy_m)]
     return sorted(found, key=lambda frontier: frontier.hops)
-
-
-def _is_looked_at(contact_xy_m: Float[np.ndarray, "2"], place_xy_m: Float[np.ndarray, "2"], pose: Pose2) -> bool:
-    """Whether the robot stands where it can see a frontier from, and faces it."""
-    towards = contact_xy_m - place_xy_m
-    error = wrap_angle(math.atan2(towards[1], towards[0]) - pose.yaw_rad)
-    return math.dist(place_xy_m, pose.xy_m) < ARRIVED_M and abs(error) < TURN_STEP_RAD

@@ -67,7 +67,8 @@ class GainTracker:
         """Judge a target that the robot has reached or turns away from; if it failed, suppress what it was to show.
 
         A target that the robot leaves on the way, and whose view is still expected to bring as much, is not judged.
-        Without ``learns``, what it brought tells nothing of its kind: views also count what they improve.
+        Without ``learns``, what it brought tells nothing of its kind, nor of the patience that is left: views also
+        count what they improve.
         """
         view = gain.expected_view(target.viewpoint)
         standing_m2 = self._config.standing_share * target.view.gain_m2
@@ -78,7 +79,8 @@ class GainTracker:
         outcome = TargetOutcome(target.viewpoint.xy_m, kind, promised_m2, expected_m2, realised_m2, judged)
         if not judged:
             return outcome
-        self.num_poor = self.num_poor + 1 if realised_m2 < self._config.poor_target_m2 else 0
+        if learns:
+            self.num_poor = self.num_poor + 1 if realised_m2 < self._config.poor_target_m2 else 0
         if realised_m2 < self._config.failed_share * target.expected_gain_m2:
             gain.suppress(view.cells, view.distance_m)
         before_m2 = target.view.of_kind_m2

@@ -34,7 +34,7 @@ from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
-from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
+from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays, hidden_sectors
 from anm_mj.planning.policies.gvg.view_tours import Tour, best_tours
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
@@ -182,11 +182,12 @@ class Gvg:
             for x, y, yaw in self._prior:
                 self._gain.suppress_view(Pose2(x, y, yaw))
         if observation.step == self._heard_step:
-            self._gain.suppress_view(observation.pose)
+            self._gain.suppress_view(observation.pose, hidden_sectors(observation, self._gain.camera.azimuth_rad))
         if self._gain.place_kinds.epoch != self._gain.occupancy.epoch:
             self._gain.place_kinds.update(self._gain.occupancy, observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
-        self._stagnation.update(observation.step, self._gain.seen_m2)
+        if not self._improving:  # That shows nothing new, and a run that goes on from this one begins with the window.
+            self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
 
     def _can_improve(self, mapper: Mapper) -> bool:
@@ -295,7 +296,11 @@ class Gvg:
             here, there = table.swept(sector_of(pose.yaw_rad), first.place, first.heading)
             promised = gain.promise(pose.xy_m, here), gain.promise(viewpoint.xy_m, there)
             given = {"seen_m2": gain.seen_m2, "config": self.config, "view_side": gain.view_side}
-            target = ActiveTarget(viewpoint, expected_gain_m2=first.gain_m2, promised=promised, view=view, **given)
+            expected_m2 = first.gain_m2
+            if self._goal == "reconstruction":
+                # New surface will be held against it. With "both", what is unseen was not worth a step before.
+                expected_m2 = float(sum(rays.gain_m2.sum() for rays in promised))
+            target = ActiveTarget(viewpoint, expected_gain_m2=expected_m2, promised=promised, view=view, **given)
         # A heading that the robot can have: the sector's own may lie half a turn step beside it.
         yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
         purpose = " to improve the map" if self._improving else ""
@@ -315,17 +320,17 @@ class Gvg:
         config, num_places = self.config, len(candidates.vertex)
         best = f"best expected gain of {num_places} reachable places: {candidates.best_gain_m2:.2f} m²"
         stop, reason = StopReason.COMPLETE, best
-        if self._improving:
-            reason = f"with improvement, {best}"
-        elif self._tracker.is_exhausted(candidates.best_gain_m2):
-            num_poor = self._tracker.num_poor
-            reason = f"the last {num_poor} targets brought less than {config.poor_target_m2:g} m² each; {best}"
-        elif num_places == 1 and candidates.num_unreachable:
+        if num_places == 1 and candidates.num_unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no path leads to any of {candidates.num_unreachable} vertices"
         elif self._stages.is_cut_off(np.isfinite(state.paths.distance_m)):
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no path leads to {candidates.num_unreachable} vertices since a collision"
+        elif self._improving:
+            reason = f"with improvement, {best}"
+        elif self._tracker.is_exhausted(candidates.best_gain_m2):
+            num_poor = self._tracker.num_poor
+            reason = f"the last {num_poor} targets brought less than {config.poor_target_m2:g} m² each; {best}"
         elif stagnating:
             reason = (
                 f"stagnation: next to no new surface in the last {config.stagnation_share:.0%} of the steps, and the "

@@ -117,12 +117,18 @@ class InformationGain:
         self._improvement.update(errors, centre_xy_m, radius_m)
         self._note_change(centre_xy_m - radius_m, centre_xy_m + radius_m)
 
-    def suppress_view(self, pose: Pose2) -> None:
-        """Suppress the cells that a view from a pose has left unknown; the map must hold that view already."""
+    def suppress_view(self, pose: Pose2, hidden: Bool[np.ndarray, " azimuths"] | None = None) -> None:
+        """Suppress the cells that a view from a pose has left unknown; the map must hold that view already. Sectors of
+        azimuth that something which moves was in front of are left as they are; None = there were none.
+        """
         rays = self._rays.cast(pose.xy_m[None])
+        # Sectors are headings, as the yaw is: a camera that looks aside has its rays as far beside them as its axis.
         azimuth = np.arange(NUM_AZIMUTHS) * math.tau / NUM_AZIMUTHS
         off_axis = np.abs(np.mod(azimuth - pose.yaw_rad + math.pi, math.tau) - math.pi)
-        in_view = np.repeat(off_axis < self._width_rad / 2, self._config.num_elevations)
+        in_view = off_axis < self._width_rad / 2
+        if hidden is not None:
+            in_view &= ~hidden
+        in_view = np.repeat(in_view, self._config.num_elevations)
         self.suppress(rays.hit[0, in_view], self._rays.distance_m[rays.sample[0, in_view]])
 
     def suppress(self, cells: Int[np.ndarray, " n"], distance_m: Float[np.ndarray, " n"]) -> None:

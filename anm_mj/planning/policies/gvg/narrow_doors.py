@@ -50,7 +50,7 @@ class NarrowDoors:
         if door is not None and self._stages.drop_margin():
             state = self._stages.update_graph(state.topdown, state.pose, state.watch)
             door = self._find(state, gain)
-        return state, None if door is None else self._look(state, *door)
+        return state, None if door is None else self._look(state, *door, gain.camera.azimuth_rad)
 
     def drop_margin(self, state: PlanningState, gain: InformationGain) -> bool:
         """Keep no margin from now on where much is expected behind a narrow passage; whether this may open a way."""
@@ -95,13 +95,19 @@ class NarrowDoors:
         return int(vertex[best]), start_m[best] + driven * (beyond_m - start_m)[best], beyond_m[best]
 
     def _look(
-        self, state: PlanningState, vertex: int, beside_m: Float[np.ndarray, "2"], beyond_m: Float[np.ndarray, "2"]
+        self,
+        state: PlanningState,
+        vertex: int,
+        beside_m: Float[np.ndarray, "2"],
+        beyond_m: Float[np.ndarray, "2"],
+        azimuth_rad: float,
     ) -> Plan:
+        """A look through or beside a passage with a camera that looks so far beside the heading [rad]."""
         middle_m = (state.graph.vertex_xy_m[vertex] + beyond_m) / 2
         again = self._num_looks(middle_m) > 0
         self._looked_at_m.append(middle_m)
         x, y = beyond_m - beside_m
-        yaw = math.atan2(y, x)
+        yaw = wrap_angle(math.atan2(y, x) - azimuth_rad)
         # Who stands there and looks through already has seen what there is to see.
         is_there = math.dist(beside_m, state.pose.xy_m) < ARRIVED_M
         again |= is_there and abs(wrap_angle(yaw - state.pose.yaw_rad)) < TURN_STEP_RAD

@@ -1,7 +1,9 @@
 """Rays through the pooled occupancy from places in the plane; a ray is cast again only when the cell it hit changed.
 
-From each place rays in all azimuth sectors and a few elevations run to the first cell that is not free. Rows of the
-cache hold the rays of one place each; a place stands for the cell that contains it.
+From each place rays in all azimuth sectors and a few elevations run to the first cell that is not free. Sectors are the
+headings of the base: the rays of one run where the optical axis points while the base has that heading, so that a view
+covers as many sectors on either side of its heading, however the camera is mounted. Rows of the cache hold the rays of
+one place each; a place stands for the cell that contains it.
 """
 
 import math
@@ -46,10 +48,14 @@ class Rays(NamedTuple):
 class RayCache:
     """Casts rays and remembers them as long as the cells they hit keep their state."""
 
+    _azimuth_rad = 0.0
+    """Where the camera looks beside the heading; checkpoints from before it was known do not say [rad]."""
+
     def __init__(self, occupancy: PooledOccupancy, *, camera: FieldOfView, range_m: float, num_elevations: int) -> None:
         """Start empty; rays of this length run from the height of the camera at elevations within its view."""
         self._occupancy = occupancy
         self._camera_height_m = camera.height_m
+        self._azimuth_rad = camera.azimuth_rad
         self._range_m = range_m
         edges = np.linspace(*camera.slopes(INSIDE), num_elevations + 1)
         self._slope = (edges[:-1] + edges[1:]) / 2
@@ -71,7 +77,7 @@ class RayCache:
         """The rays of places as the occupancy is now.
 
         Raises:
-            PlanError: the rays are too long for cells as small as these.
+            PlanError: the rays are too long for cells as small as these, or end before they begin.
         """
         self._follow_layout()
         places_m = np.insert(places_xy_m, 2, self._camera_height_m, axis=1)
@@ -115,12 +121,17 @@ class RayCache:
         layers, rows, cols = self._occupancy.state.shape
         cell = self._occupancy.cell_m
         distance_m = np.arange(NEAREST_M, self._range_m, cell)
+        if not len(distance_m):
+            raise PlanError(
+                f"The camera measures up to {self._range_m:g} m, but policy gvg expects surface from {NEAREST_M:g} m "
+                "on; raise the camera's range (sensor.max_range_m) above that, or choose another --policy."
+            )
         if len(distance_m) > MAX_SAMPLES:
             raise PlanError(
                 f"A ray of {self._range_m:g} m through cells of {cell:g} m has {len(distance_m)} samples, and "
                 f"{MAX_SAMPLES} are the most; lower policy.gain_range_m, or raise mapping.occupancy.voxel_m."
             )
-        azimuth = np.arange(NUM_AZIMUTHS) * math.tau / NUM_AZIMUTHS
+        azimuth = np.arange(NUM_AZIMUTHS) * math.tau / NUM_AZIMUTHS + self._azimuth_rad
         # Offsets start at the centre of a cell: the place may lie anywhere in it.
         dx = np.rint(np.cos(azimuth)[:, None, None] * distance_m / cell)
         dy = np.rint(np.sin(azimuth)[:, None, None] * distance_m / cell)

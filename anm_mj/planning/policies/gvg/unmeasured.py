@@ -5,21 +5,39 @@ and whatever lies beyond its range unknown for ever. Rays to such cells would ex
 were looked at, though: that the camera measured nothing there is all that such a view has to tell.
 """
 
+import math
 from collections import deque
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int
 
 from anm_mj import _native
 from anm_mj.frames import pixel_directions
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.sensing.pixel_state import BLOCK_PX, missing_blocks, valid_pixels
+from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
+from anm_mj.sensing.pixel_state import BLOCK_PX, missing_blocks, moved_pixels, valid_pixels
 from anm_mj.types import Observation
 
 NEAREST_M = 0.25
 """Rays begin at this horizontal distance from the camera [m]: the robot's own body is free."""
 MAX_WAITING = 40
 """Views kept until the next decision at most; a full rotation takes 36."""
+
+
+def hidden_sectors(observation: Observation, aside_rad: float) -> Bool[np.ndarray, " azimuths"] | None:
+    """The sectors of heading in which something that moves hides what is behind it from a camera that looks
+    ``aside_rad`` beside the heading; None if nothing does.
+    """
+    columns = np.count_nonzero(moved_pixels(observation), axis=0) >= BLOCK_PX
+    if not columns.any():
+        return None
+    middle = pixel_directions(observation.intrinsics)[observation.intrinsics.height // 2, columns]
+    direction = middle @ observation.T_world_camera[:3, :3].T
+    heading = np.arctan2(direction[:, 1], direction[:, 0]) - aside_rad
+    sector = np.rint(heading * (NUM_AZIMUTHS / math.tau)).astype(int)
+    hidden = np.zeros(NUM_AZIMUTHS, bool)
+    hidden[sector % NUM_AZIMUTHS] = True
+    return hidden
 
 
 class UnmeasuredRays:
@@ -31,7 +49,8 @@ class UnmeasuredRays:
 
     def add(self, observation: Observation) -> None:
         """Note the directions in which a view measured nothing; none for a camera that says where it looked too far."""
-        lost = missing_blocks(~valid_pixels(observation))
+        # What somebody hides was not looked at.
+        lost = missing_blocks(~(valid_pixels(observation) | moved_pixels(observation)))
         if not lost.any():
             return
         middle = slice(BLOCK_PX // 2, None, BLOCK_PX)

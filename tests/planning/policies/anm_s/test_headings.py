@@ -27,3 +27,11 @@ def test_regions_on_one_side_are_taken_in_by_one_sweep_that_ends_when_the_last_i
     headings = view_headings(regions, np.zeros(2), 0.0, WELL_IN_VIEW_RAD)
     assert list(headings) == sorted(headings)
     assert headings[-1] == pytest.approx(math.atan2(2.0, -0.5) - math.radians(30))
+
+
+@pytest.mark.parametrize(("bearing_deg", "heading_deg"), [(0, None), (55, None), (80, 20), (-20, -20), (-80, -80)])
+def test_a_camera_that_looks_aside_is_turned_by_its_axis(bearing_deg: int, heading_deg: int | None):
+    bearing = math.radians(bearing_deg)
+    region = Region(np.array([2 * math.cos(bearing), 2 * math.sin(bearing), 1.0]), np.array([-1.0, 0, 0]), 9, 5.0, 0)
+    headings = view_headings((region,), np.zeros(2), 0.0, WELL_IN_VIEW_RAD + 1e-9, math.radians(30))
+    assert [math.degrees(heading) for heading in headings] == pytest.approx([heading_deg] if heading_deg else [])

@@ -1,5 +1,6 @@
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,6 +108,27 @@ def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_o
 
     other = policy.plan(world, look(at_its_end(near)))
     assert other.path_xy_m[-1][0] > 4.0
+
+
+@pytest.mark.parametrize("aside_deg", [-30.0, 30.0])
+def test_a_frontier_is_looked_at_by_the_camera_and_not_by_the_base(monkeypatch, aside_deg: float):
+    policy, world = Frontier(PolicyContext(FOOTPRINT, FrontierConfig())), BoxWorld((1.0, 1.0), [])
+    topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9)])
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
+    ahead = look(Pose2(1.0, 1.5, math.radians(aside_deg)))
+    aside = replace(ahead, pose=Pose2(1.0, 1.5, 0.0))
+    policy.observe(aside)
+
+    plan = policy.plan(world, aside)
+    contact, place = policy._chosen[:2] if policy._chosen else (np.zeros(2), np.zeros(2))
+    towards_rad = math.atan2(*(contact - place)[::-1])
+    assert math.degrees(plan.headings_rad[0] - towards_rad) == pytest.approx(-aside_deg, abs=0.3)
+
+    # It is not looked at yet where the base alone faces it.
+    x_m, y_m = place.tolist()
+    facing = policy.plan(world, look(Pose2(x_m, y_m, towards_rad)))
+    assert facing.reason == "the same frontier as before"
+    assert policy.plan(world, look(at_its_end(facing))).reason != facing.reason
 
 
 def test_two_places_about_as_near_to_a_frontier_do_not_take_turns(monkeypatch):

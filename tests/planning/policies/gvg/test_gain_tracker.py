@@ -45,13 +45,13 @@ def promise(gain_m2):
     return PromisedRays(np.zeros(2), np.array([gain_m2], np.float32))
 
 
-def close(tracker, *, expected_m2, brought_m2, expected_now_m2, pose, turns_m2=0.0, turns_left_m2=0.0):
+def close(tracker, *, expected_m2, brought_m2, expected_now_m2, pose, turns_m2=0.0, turns_left_m2=0.0, learns=True):
     """The view at the target is expected to show ``expected_m2``, the turns before another ``turns_m2``."""
     given = {"expected_gain_m2": expected_m2 + turns_m2, "seen_m2": 100.0, "config": CONFIG, "view_side": 4}
     promised = promise(turns_m2), promise(expected_m2)
     target = ActiveTarget(Viewpoint(np.array([1.0, 2.0]), 0), promised=promised, view=view_of(expected_m2), **given)
     gain = Gain(100.0 + brought_m2, view_of(expected_now_m2), turns_left_m2 if turns_m2 else expected_now_m2)
-    return tracker.close(target, gain, pose), gain.suppressed is not None
+    return tracker.close(target, gain, pose, learns=learns), gain.suppressed is not None
 
 
 @pytest.mark.parametrize(
@@ -122,3 +122,13 @@ def test_good_target_ends_the_row_of_poor_ones():
     for brought_m2 in (0.0,) * CONFIG.patience_targets + (2.0,):
         close(tracker, expected_m2=1.0, brought_m2=brought_m2, expected_now_m2=0.0, pose=THERE)
     assert not tracker.is_exhausted(0.5)
+
+
+def test_targets_that_improve_the_map_tell_nothing_of_the_patience_that_is_left():
+    tracker = GainTracker(CONFIG)
+    poor = {"expected_m2": 1.0, "brought_m2": 0.0, "expected_now_m2": 0.0, "pose": THERE}
+    for learns in (False, True, False):
+        close(tracker, learns=learns, **poor)
+    assert tracker.num_poor == 1
+    close(tracker, learns=False, **(poor | {"brought_m2": 2.0}))
+    assert tracker.num_poor == 1

@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,15 +9,16 @@ from anm_mj.planning.policies.guarded_policy import plan_fault
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.gvg_policy import Gvg
 from anm_mj.planning.stages import TRY_AGAIN
-from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason, SurfaceErrors
+from anm_mj.types import Action, Footprint, Intrinsics, Observation, Pose2, StopReason, SurfaceErrors
 from tests.box_room import CAMERA, camera_pose, room_depth
 from tests.planning.worlds import room
 
 START = Pose2(1.5, 2.0, 2.0)
 
 
-def observation(pose: Pose2, step: int = 0) -> Observation:
-    T_world_camera = camera_pose(pose)
+def observation(pose: Pose2, step: int = 0, aside_rad: float = 0.0) -> Observation:
+    """The view of a camera that looks aside to the left."""
+    T_world_camera = camera_pose(replace(pose, yaw_rad=pose.yaw_rad + aside_rad))
     rgb = np.zeros((256, 256, 3), np.uint8)
     return Observation(step, 0.0, rgb, room_depth(T_world_camera), CAMERA, T_world_camera, pose)
 
@@ -39,6 +41,18 @@ def test_looks_towards_the_unknown():
     end = plan.path_xy_m[-1] if len(plan.path_xy_m) else START.xy_m
     assert end[0] + 4.5 * np.cos(plan.headings_rad[-1]) > 5.2
     assert plan.reason.startswith("target chosen: expected gain ")
+
+
+@pytest.mark.parametrize("aside_deg", [-30.0, 0.0, 30.0])
+def test_a_robot_turns_its_camera_to_the_unknown_and_not_its_base(aside_deg: float):
+    world = room(4, 3, unknown=[(3.2, 1.5, 4.2, 1.9)])
+    world.occupancy.state[:2] = world.occupancy.state[-2:] = 1
+    here = observation(Pose2(1.0, 1.7, np.pi), aside_rad=np.radians(aside_deg))
+    plan = policy().plan(world, replace(here, intrinsics=Intrinsics.from_fov(256, 256, np.radians(40.0))))
+    end = plan.path_xy_m[-1] if len(plan.path_xy_m) else here.pose.xy_m
+    towards = np.array([3.7, 1.7]) - end
+    off_axis = plan.headings_rad[-1] + np.radians(aside_deg) - np.arctan2(towards[1], towards[0])
+    assert np.cos(off_axis) > np.cos(np.radians(20.0))
 
 
 def test_known_room_is_complete():
@@ -95,10 +109,10 @@ def test_residual_gain_is_taken_before_stagnation():
     assert plan_without_news(1000.0, 500).stop is None
 
 
-def badly_known_room(error_m=0.04):
-    """A room that was seen as a whole, with surface of which one part is known badly."""
-    world = room(4, 3)
-    world.occupancy.state[:2] = world.occupancy.state[-2:] = 1
+def badly_known_room(error_m=0.04, **given):
+    """A room that was seen as a whole but for what is ``given``, with surface of which one part is known badly."""
+    world = room(4, 3, **given)
+    world.occupancy.state[:1] = world.occupancy.state[-2:] = 1
 
     def surface_errors(centre_xy_m, radius_m):
         y, z = np.meshgrid(np.arange(0.2, 3.2, 0.1), np.arange(0.1, 2.5, 0.1))
@@ -132,6 +146,60 @@ def test_a_run_is_complete_when_improvement_is_not_worth_a_step():
     assert "with improvement" in plan.reason
 
 
+def visited_targets(gvg, world, num, pose=Pose2(1.5, 1.5, np.pi)):  # noqa: B008
+    """A policy after it went to some targets in a row, none of which changed the map, and what each one brought."""
+    closed = []
+    for step in range(0, 50 * num, 50):
+        plan = gvg.plan(world, observation(pose, step))
+        closed.append(plan.closed)
+        end = plan.path_xy_m[-1] if len(plan.path_xy_m) else pose.xy_m
+        pose = Pose2(*end, plan.headings_rad[-1])
+    return [outcome for outcome in closed if outcome is not None]
+
+
+def test_improvement_costs_a_run_that_goes_on_neither_patience_nor_window():
+    gvg, world = with_goal("both"), badly_known_room()
+    visited_targets(gvg, world, 1)
+    before = gvg.memory()
+    closed = visited_targets(gvg, world, 6)
+    assert len(closed) >= GvgConfig().patience_targets
+    assert not any(outcome.realised_m2 for outcome in closed)
+    after = gvg.memory()
+    assert after["num_poor"] == before["num_poor"] == 0
+    np.testing.assert_array_equal(after["window"], before["window"])
+
+
+def test_a_run_for_the_quality_of_the_map_holds_new_surface_against_new_surface():
+    gvg = with_goal("reconstruction")
+    plan = gvg.plan(badly_known_room(unknown=[(3.6, 2.4, 4.2, 3.2)]), observation(Pose2(1.5, 1.5, 0.0)))
+    (gain_m2,) = re.findall(r"expected gain ([0-9.]+) m²", plan.reason)
+    target = gvg._target
+    assert target is not None
+    # The rest is what the view improves.
+    assert 0.0 < target.expected_gain_m2 < float(gain_m2) - 0.1
+    assert target.expected_gain_m2 == pytest.approx(target.promised_m2)
+
+
+@pytest.mark.parametrize("goal", ["both", "coverage", "reconstruction"])
+def test_a_robot_that_is_shut_in_has_no_reachable_target(goal):
+    walls = [(1.2, 1.2, 1.8, 1.25), (1.2, 1.75, 1.8, 1.8), (1.2, 1.2, 1.25, 1.8), (1.75, 1.2, 1.8, 1.8)]
+    plan = with_goal(goal).plan(badly_known_room(0.0005, boxes=walls), observation(Pose2(1.5, 1.5, 0.0)))
+    assert plan.stop is StopReason.NO_REACHABLE_TARGET
+    assert plan.reason.startswith("no path leads to any of ")
+
+
+@pytest.mark.parametrize("goal", ["both", "coverage"])
+def test_a_robot_that_collisions_cut_off_has_no_reachable_target(goal):
+    gvg = with_goal(goal)
+    world = badly_known_room(0.0005, boxes=[(1.6, 0.2, 1.7, 1.5), (1.6, 2.1, 1.7, 3.2)])
+    for y_m in (1.7, 1.9):
+        gvg.on_collision(Pose2(1.4, y_m, 0.0), Action.MOVE_FORWARD)
+    plans = [gvg.plan(world, observation(Pose2(0.9, 1.8, 0.0), step)) for step in (0, 1)]
+    assert plans[0].reason == TRY_AGAIN
+    assert plans[1].stop is StopReason.NO_REACHABLE_TARGET
+    assert plans[1].reason.endswith(" vertices since a collision")
+
+
 def plans_before_a_passage(low_m, high_m):
     """Decisions in a known room with a passage between two heights of its wall; a dark hall lies round the corner."""
     boxes = [(4.2, 0.2, 4.3, low_m), (4.2, high_m, 4.3, 4.2), (5.2, 0.2, 5.3, 3.4)]
@@ -147,14 +215,14 @@ def test_a_passage_without_room_for_a_margin_is_tried_before_the_end():
     assert second.stop is StopReason.COMPLETE
 
 
-def plans_of(radius_m, low_m, high_m, num=4, start=Pose2(3.0, 1.6, np.pi), **settings):  # noqa: B008
+def plans_of(radius_m, low_m, high_m, num=4, start=Pose2(3.0, 1.6, np.pi), aside_rad=0.0, **settings):  # noqa: B008
     """Decisions before a passage to a dark hall, in a room of which a corner is dark as well."""
     boxes = [(4.2, 0.2, 4.3, low_m), (4.2, high_m, 4.3, 4.2)]
     world = room(8, 4, boxes=boxes, unknown=[(5.8, 0.2, 8.2, 4.2), (0.2, 3.4, 1.0, 4.2)])
     context = PolicyContext(Footprint(radius_m, 0.05, 1.35), GvgConfig(bootstrap_turns=0, **settings))
     gvg, pose, plans = Gvg(context), start, []
     for step in range(num):
-        plans.append(gvg.plan(world, observation(pose, step)))
+        plans.append(gvg.plan(world, observation(pose, step, aside_rad)))
         if len(plans[-1].path_xy_m):
             pose = Pose2(*plans[-1].path_xy_m[-1], plans[-1].headings_rad[-1])
     return plans
@@ -173,6 +241,13 @@ def test_a_wide_robot_looks_at_a_door_that_seems_too_narrow_twice():
     assert [plan.reason.startswith("a look beside the narrow passage") for plan in plans] == [0, 1, 0, 0]
     towards = np.array([4.25, 1.62]) - plans[0].path_xy_m[-1]
     assert abs(np.arctan2(towards[1], towards[0]) - plans[0].headings_rad[0]) < 0.6
+
+
+def test_a_camera_that_looks_aside_is_turned_to_a_door():
+    look = plans_of(0.27, 1.4, 1.85, num=1, aside_rad=np.radians(30.0))[0]
+    assert look.reason.startswith("a look through the narrow passage")
+    towards = np.array([4.25, 1.62]) - look.path_xy_m[-1]
+    assert abs(np.arctan2(towards[1], towards[0]) - look.headings_rad[0] - np.radians(30.0)) < 0.3
 
 
 def test_a_robot_that_looks_through_a_narrow_door_already_looks_beside_it():

@@ -17,8 +17,10 @@ def everywhere(grid):
     return slice(0, grid.state.shape[1]), slice(0, grid.state.shape[2])
 
 
-def gain_in(grid):
-    gain = InformationGain(GvgConfig(), FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25))
+def gain_in(grid, aside_deg=0.0):
+    """Gains of a camera of 90 degrees that looks aside to the left."""
+    camera = FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25, azimuth_rad=math.radians(aside_deg))
+    gain = InformationGain(GvgConfig(), camera)
     gain.update(grid, everywhere(grid))
     return gain
 
@@ -258,3 +260,27 @@ def test_what_a_view_left_unknown_is_done():
     promised = gain.promise(place, np.ones(36, bool))
     gain.suppress_view(Pose2(1.5, 1.7, 0.0))
     assert gain.done_m2(promised) > 0.8 * promised.gain_m2.sum() > 1.0
+
+
+def test_sectors_of_a_camera_that_looks_aside_are_headings():
+    grid = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
+    place = np.array([[1.5, 1.7]])
+    ahead, aside = gain_in(grid), gain_in(grid, 30.0)
+    np.testing.assert_allclose(aside.sector_gains(place), np.roll(ahead.sector_gains(place), -3, axis=1), rtol=0.02)
+    np.testing.assert_allclose(aside.best_view_gains(place), ahead.best_view_gains(place), rtol=0.02)
+    # The base has to stand 30 degrees to the right for the same view.
+    for heading in (0, 5, 20):
+        same = ahead.expected_view(Viewpoint(place[0], heading))
+        view = aside.expected_view(Viewpoint(place[0], (heading - 3) % 36))
+        assert view.gain_m2 == pytest.approx(same.gain_m2, rel=0.02)
+
+
+@pytest.mark.parametrize("aside_deg", [-30.0, 0.0, 30.0])
+def test_what_a_view_aside_left_unknown_lies_where_it_looked(aside_deg: float):
+    gain = gain_in(with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)])), aside_deg)
+    # The unknown lies 41 degrees to either side.
+    for looks_deg, (low_deg, high_deg) in ((70.0, (25.0, 41.0)), (0.0, (-41.0, 41.0))):
+        gain.suppress_view(Pose2(1.5, 1.7, math.radians(looks_deg - aside_deg)))
+        away = gain.tried[:, :2] - [1.5, 1.7]
+        bearings = np.degrees(np.arctan2(away[:, 1], away[:, 0]))
+        assert (bearings.min(), bearings.max()) == pytest.approx((low_deg, high_deg), abs=6.0)
