@@ -95,14 +95,10 @@ def stored_mapping(folder: RunFolder, sequence: Sequence, config: RunConfig, opt
     return stored
 
 
-def open_logs(
-    folder: RunFolder, config: RunConfig, stored: StoredState | None, *, tracks: bool
-) -> tuple[RunLog, list[LineWriter]]:
-    """The logs, and that of found poses where there are such; what was written after a checkpoint is removed."""
-    before = None if stored is None else (stored.facts["files"], stored.step)
-    name = folder.camera_trajectory
-    cameras = [LineWriter(name, before and before[0].get(name.name))] if tracks else []
-    return RunLog(folder, config.record, before), cameras
+def open_logs(folder: RunFolder, config: RunConfig, *, goes_on: bool, tracks: bool) -> tuple[RunLog, list[LineWriter]]:
+    """The logs, and that of found poses where there are such, of a new mapping or of one that goes on."""
+    cameras = [LineWriter(folder.camera_trajectory, goes_on=goes_on)] if tracks else []
+    return RunLog(folder, config.record, goes_on=goes_on), cameras
 
 
 def _digest(sequence: Sequence) -> str:

@@ -45,8 +45,7 @@ class PriorRun:
         """Read a finished run. Raises RunFolderError if the folder is no run, or lacks what another run needs; the
         sentence says what, and MapError if its map or its keyframes cannot be read.
         """
-        # A link such as runs/latest leads somewhere else once the new run has a folder.
-        run = read_run(_real(path))
+        run = read_run(path)
         if not run.folder.map.is_file():
             raise RunFolderError(
                 f"{path} has no {run.folder.map.name}: the run was killed before its end; anm-mj explore --resume "
@@ -131,9 +130,3 @@ class PriorRun:
             "scene_hash": self.run.manifest.get("scene_hash"),
             "frames": len(self.explored.prior.poses),
         }
-
-
-def _real(path: Path) -> Path:
-    """A path without links, from the working directory where it lies below."""
-    real, here = path.resolve(), Path.cwd().resolve()
-    return real.relative_to(here) if real.is_relative_to(here) else real

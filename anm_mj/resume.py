@@ -31,6 +31,7 @@ from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Observer
 from anm_mj.io.folder_hold import held
 from anm_mj.io.jsonl import LineWriter, read_jsonl
+from anm_mj.io.manifest import manifest
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.io.to_json import to_json
@@ -44,6 +45,8 @@ from anm_mj.utils.read_file import convert
 
 _logger = logging.getLogger(__name__)
 
+_MADE_WITH = ("git", "packages", "camera", "gl_renderer")
+"""Entries of the manifest by which a step may differ, although scene, robot and settings are the same."""
 _FREE = ("scene", "robot", "device", "steps", "checkpoint", "continue_from")
 """What may differ from the run so far: paths of what is compared by its content, and what does not change a step."""
 
@@ -89,17 +92,19 @@ def resume(
             say_other_engine(stored, parts.mapper.backend.name)
             lost = len(read_jsonl(folder.steps)) - stored.step
             state = state or LoopState()
-            # Only here is anything in the folder changed.
-            before = (stored.facts["files"], stored.step)
-            with RunRecorder(folder, parts.surface, parts.true_view, config.record, before) as recorder:
+            made_with = _made_with(folder, parts)
+            with RunRecorder(folder, parts.surface, parts.true_view, config.record, goes_on=True) as recorder:
                 lay_over(stored, checkpoint_roots(parts, recorder, state), parts.known)
+                # Only here is anything in the folder changed.
+                recorder.cut(stored.facts["files"], stored.step)
+                store.drop_after(stored.step)
                 folder.drop_results()
-                size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
-                with LineWriter(folder.resumed, size) as log:
-                    log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name})
+                with LineWriter(folder.resumed, goes_on=True) as log:
+                    said = {"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.backend.name}
+                    log.json(said | made_with)
                 _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
                 begin -= float(stored.facts.get("wall_s", 0.0))
-                with of_stored_state(stored), saying_how_to_go_on(folder, parts.config):
+                with of_stored_state(stored, store), saying_how_to_go_on(folder, parts.config):
                     return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
@@ -146,6 +151,20 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
                 f"The {name} '{known.get(name)}' has changed since the run began (hash {str(before)[:12]}, now "
                 f"{now[:12]}); put the old one back, or start a new run."
             )
+
+
+def _made_with(folder: RunFolder, parts: Parts) -> dict[str, Any]:
+    """What of the program and the machine goes on with the run; what differs from its beginning is logged."""
+    known = read_json(folder.manifest)
+    now = {key: value for key, value in manifest(parts.facts, []).items() if key in _MADE_WITH}
+    other = [key for key in _MADE_WITH if known.get(key) != to_json(now[key])]
+    if other:
+        _logger.warning(
+            "The run goes on with another %s than it began with, and may take another way from here; %s says which.",
+            " and ".join(other),
+            folder.resumed.name,
+        )
+    return now
 
 
 def _require_same_settings(folder: RunFolder, stored: StoredState, parts: Parts) -> None:

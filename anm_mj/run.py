@@ -2,6 +2,7 @@
 
 import functools
 import math
+import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -25,10 +26,11 @@ from anm_mj.io.to_json import to_json, write_json
 from anm_mj.loop_stages import doubt_stop
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages
+from anm_mj.planning.policies.registry import policies
 from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
-from anm_mj.recording.results import load_mesh_library, write_results
+from anm_mj.recording.results import load_mesh_library, sync_results, write_results
 from anm_mj.run_parts import Parts, make_parts
 from anm_mj.types import Observation, Plan, Pose2, StopReason
 from anm_mj.utils.memory import malloc_trim
@@ -91,7 +93,9 @@ def saying_how_to_go_on(folder: RunFolder, config: RunConfig) -> Iterator[None]:
     except RunFolderError as err:
         if not any(folder.checkpoints.glob("*.checkpoint")):
             raise
-        raise RunFolderError(f"{err} Then go on with: anm-mj {config.COMMAND} --resume {folder.path}") from err
+        named = [] if config.policy in policies() else ["--policy", config.policy]
+        command = shlex.join(["anm-mj", config.COMMAND, "--resume", str(folder.path), *named])
+        raise RunFolderError(f"{err} Then go on with: {command}") from err
 
 
 class _StateKeeper:
@@ -190,6 +194,8 @@ def run_loop(
         recorder, ended, mapper, left, wall_s=wall_s, release=mapper.close, memory=memory, back=back
     )
     if not interrupted:
+        # What stands for the checkpoints reaches the disk before they go.
+        sync_results(folder, recorder.log_paths)
         checkpointer.finish(ended.num_steps, resumable=False)
     return metrics
 

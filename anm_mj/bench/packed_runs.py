@@ -54,6 +54,9 @@ def _files(run: Path) -> Iterator[tuple[str, bytes]]:
             yield name, (run / name).read_bytes()
     if (run / "manifest.json").is_file():
         public = {key: value for key, value in read_json(run / "manifest.json").items() if key not in PRIVATE}
+        if "robot" in public:
+            # A robot of one's own is named by its file.
+            public["robot"] = Path(str(public["robot"])).name
         yield "manifest.json", json.dumps(public, indent=2).encode()
     for name, keys in (("steps.jsonl", STEP_KEYS), ("plans.jsonl", PLAN_KEYS)):
         if (run / name).is_file():

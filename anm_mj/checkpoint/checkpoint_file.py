@@ -19,7 +19,7 @@ from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.encode import Graph
 from anm_mj.errors import CheckpointError
-from anm_mj.utils.files import removed_on_error
+from anm_mj.utils.files import removed_on_error, sync
 from anm_mj.utils.read_file import convert, open_regular, parse_json
 
 MAGIC = b"anm-mj checkpoint 1\n"
@@ -76,15 +76,6 @@ def complete_draft(draft: Path, path: Path) -> int:
     with contextlib.suppress(OSError):
         sync(path.parent)
     return size
-
-
-def sync(path: Path) -> None:
-    """Force a file, or the names in a folder, to the disk. Raises OSError if the system cannot."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def read_checkpoint(path: Path) -> StoredState:

@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 from anm_mj.checkpoint.checkpoint_file import StoredState
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.known_classes import KnownClasses
+from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.errors import AnmError, CheckpointError
 from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.utils.read_file import convert
@@ -46,13 +47,17 @@ def logged_facts(stored: StoredState, kind: type[Kind], folder: Path, unit: str)
 
 
 @contextmanager
-def of_stored_state(stored: StoredState) -> Iterator[None]:
-    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it."""
+def of_stored_state(stored: StoredState, store: CheckpointStore | None = None) -> Iterator[None]:
+    """Turns whatever a stored state leads to into a CheckpointError: anybody may have written it. Once ``store`` has a
+    later checkpoint, an error is one of the program, from which the run goes on.
+    """
     try:
         yield
-    except AnmError:
+    except (AnmError, MemoryError):
         raise
     except Exception as err:
+        if store is not None and store.has_after(stored.step):
+            raise
         _logger.debug("The error of the resumed run:", exc_info=True)
         raise CheckpointError(
             f"The run cannot go on from its checkpoint at step {stored.step} ({describe_error(err)}); start it again."

@@ -7,16 +7,16 @@ import math
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
-from anm_mj.checkpoint.checkpoint_file import StoredState, complete_draft, read_checkpoint, sync, write_draft
+from anm_mj.checkpoint.checkpoint_file import StoredState, complete_draft, read_checkpoint, write_draft
 from anm_mj.checkpoint.encode import Graph, encode
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.errors import CheckpointError, RunFolderError
-from anm_mj.utils.files import beside
+from anm_mj.utils.files import beside, sync
 from anm_mj.utils.read_file import read_text
 
 _logger = logging.getLogger(__name__)
@@ -82,25 +82,58 @@ class CheckpointStore:
             f"{self.folder.parent} has no {'whole ' if paths else ''}checkpoint to resume from; start the run again."
         )
 
+    def has_after(self, step: int) -> bool:
+        """Whether there is a checkpoint that was taken after a step."""
+        return bool(self._after(step))
+
+    def drop_after(self, step: int) -> None:
+        """Remove checkpoints that were left out for the one at a step, whose logs are cut. Raises RunFolderError if one
+        cannot be removed.
+        """
+        with _changing(self.folder):
+            for path in self._after(step):
+                path.unlink(missing_ok=True)
+
     def refuse(self, why: str) -> None:
-        """Note why the state of the run cannot be stored, for the error of a later resume."""
-        self.folder.mkdir(exist_ok=True)
-        (self.folder / _REFUSED).write_text(why, encoding="utf-8")
+        """Note why the state of the run cannot be stored, for the error of a later resume. Raises RunFolderError if it
+        cannot be written.
+        """
+        with _changing(self.folder):
+            self.folder.mkdir(exist_ok=True)
+            (self.folder / _REFUSED).write_text(why, encoding="utf-8")
 
     def remove(self) -> None:
-        """Remove all checkpoints of a finished run."""
-        for path in [*self.folder.glob(_PATTERN), *self.folder.glob(f".{_PATTERN}.*"), self.folder / _REFUSED]:
-            path.unlink(missing_ok=True)
+        """Remove all checkpoints of a finished run. Raises RunFolderError if one cannot be removed."""
+        with _changing(self.folder):
+            for path in [*self.folder.glob(_PATTERN), *self.folder.glob(f".{_PATTERN}.*"), self.folder / _REFUSED]:
+                path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             self.folder.rmdir()
 
     def _path(self, step: int) -> Path:
         return self.folder / f"{step:06d}.checkpoint"
 
+    def _after(self, step: int) -> list[Path]:
+        own = self._path(step)
+        return [path for path in self._newest_first() if _by_number(path) > _by_number(own)]
+
     def _newest_first(self) -> list[Path]:
-        # By number: names of a million steps and more are longer.
         there = (path for path in self.folder.glob(_PATTERN) if path.is_file())
-        return sorted(there, key=lambda path: (len(path.stem), path.stem), reverse=True)
+        return sorted(there, key=_by_number, reverse=True)
+
+
+@contextlib.contextmanager
+def _changing(folder: Path) -> Iterator[None]:
+    """Turns errors of the system into a RunFolderError that names the folder."""
+    try:
+        yield
+    except OSError as err:
+        raise RunFolderError(f"{folder} cannot be changed ({err.strerror or err}); make it writable.") from err
+
+
+def _by_number(path: Path) -> tuple[int, str]:
+    """Orders checkpoints by their steps: names of a million and more are longer."""
+    return len(path.stem), path.stem
 
 
 class Checkpointer:

@@ -22,9 +22,12 @@ def evaluate(
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.cli.run_summary import report_metrics
     from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run
+    from anm_mj.io.run_folder import RunFolder
 
     if not novel_views:
         refuse_idle({"--scene": scene}, "it is read for novel views alone; add --novel-views")
+    # A link such as runs/latest may lead somewhere else before the last of these is done.
+    run = RunFolder.open(run).path
     console = PlainConsole()
     novel, fixed = None, None
     if novel_views:

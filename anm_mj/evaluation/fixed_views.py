@@ -73,13 +73,14 @@ def evaluate_fixed_views(
     being written, a file in it is damaged, or it explored another scene, SceneError if there is no such scene, MapError
     if the map cannot be loaded, and RenderError if no GL back-end works.
     """
-    with held(RunFolder.open(path).path):
+    path = RunFolder.open(path).path
+    with held(path):
         record = read_run(path)
         views = fixed_views(explored_scene(record, scene), num_views)
         neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
         compared = compare_views(neural_map, views, len(views), on_progress)
         return write_views(
-            path / "fixed_views.json", [{"pose": view.pose, "quality": quality} for view, _, _, quality in compared]
+            record.folder.fixed_views, [{"pose": view.pose, "quality": quality} for view, _, _, quality in compared]
         )
 
 

@@ -56,7 +56,8 @@ def evaluate_novel_views(
     is being written or cannot be written, a file in it is damaged, or it explored another scene, SceneError if there is
     no such scene, and MapError if the map cannot be loaded.
     """
-    with held(RunFolder.open(path).path):
+    path = RunFolder.open(path).path
+    with held(path):
         return _evaluated(path, views, seed, scene, on_progress)
 
 
@@ -72,9 +73,9 @@ def _evaluated(path: Path, views: int, seed: int, scene: str | None, on_progress
     for view, rgb, depth_m, quality in compare_views(neural_map, islice(observed, views), views, on_progress):
         rows.append({"pose": view.pose, "observed_percent": _observed_percent(grid, view), "quality": quality})
         pictures.append(np.concatenate([view.rgb, rgb, _depth_picture(view.depth_m), _depth_picture(depth_m)], axis=1))
-    result = write_views(path / "novel_views.json", rows, seed=seed)
+    result = write_views(record.folder.novel_views, rows, seed=seed)
     if pictures:
-        file = path / "novel_views.png"
+        file = record.folder.novel_views_picture
         with writing(file), atomic_write(file) as partial:
             Image.fromarray(np.concatenate(pictures[:SHOWN])).save(partial, "PNG")
     return result

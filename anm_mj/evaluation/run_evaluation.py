@@ -62,7 +62,8 @@ def evaluate_run(
     file in it is damaged. ``on_progress`` is called with done and total rounds while the observable surface is
     computed.
     """
-    with held(RunFolder.open(path).path):
+    path = RunFolder.open(path).path
+    with held(path):
         return _evaluated(path, on_progress, novel_views, fixed_views)
 
 

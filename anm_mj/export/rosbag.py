@@ -18,6 +18,7 @@ from anm_mj.io.write import writing
 from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline
 from anm_mj.types import Intrinsics
+from anm_mj.utils.files import beside
 from anm_mj.utils.progress import Progress, unheard
 
 MAP, ODOM, BASE, LINK, CAMERA = "map", "odom", "base_link", "camera_link", "camera_optical_frame"
@@ -25,6 +26,9 @@ T_LINK_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0
 """Camera axes (x right, y down) in those of a link (x ahead, y left), as REP 103 has both."""
 _LATCHED = ("/tf_static", "/map", "/surface")
 """Topics whose last message also goes to who subscribes later."""
+_JPEG = "rgb8; jpeg compressed bgr8"
+"""What ``image_transport`` writes of colour images: it decodes them as BGR and turns them only where it reads so."""
+_OWN_FILES = ("metadata.yaml", "rosbag.mcap")
 _STILL = 1e-6
 """A camera whose pose on the base changes by less, in metres and parts of a matrix, is fixed to it."""
 
@@ -43,18 +47,28 @@ def export_rosbag(run: Run, out: Path, on_progress: Progress = unheard) -> list[
         from rosbags.rosbag2 import StoragePlugin, Writer
     except ImportError as err:
         raise RunFolderError("ROS bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
-    folder, partial = out / "rosbag", out / ".rosbag"
+    folder = out / "rosbag"
+    partial = beside(folder)
     with writing(folder):
-        shutil.rmtree(partial, ignore_errors=True)
+        _require_own(folder)
         try:
             # 8 is what Humble reads, too.
             with Writer(partial / "rosbag", version=8, storage_plugin=StoragePlugin.MCAP) as bag:
                 _write_run(run, _BagMessages(bag), on_progress)
             shutil.rmtree(folder, ignore_errors=True)
-            (partial / "rosbag").replace(folder)
+            (partial / folder.name).replace(folder)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
     return [folder]
+
+
+def _require_own(folder: Path) -> None:
+    """Refuse to replace what no export has written. Raises RunFolderError."""
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise RunFolderError(f"{folder} is no folder of an export; remove it, or choose another --out.")
+    other = sorted(path.name for path in folder.iterdir() if path.name not in _OWN_FILES) if folder.is_dir() else []
+    if other:
+        raise RunFolderError(f"{folder} holds {other[0]}, which no export writes; choose another --out.")
 
 
 class _BagMessages(RosMessages):
@@ -151,6 +165,6 @@ def _depth_intrinsics(run: Run, rows: int, cols: int) -> Intrinsics:
 def _write_colour(run: Run, frame: FrameRecord, camera: Intrinsics, to: _BagMessages) -> None:
     data, taken = np.frombuffer(run.picture_bytes(run.folder.image(frame.step)), np.uint8), frame.image_time_s
     header = to.header(taken, CAMERA)
-    image = to.make("sensor_msgs/msg/CompressedImage", header=header, format="rgb8; jpeg compressed ", data=data)
+    image = to.make("sensor_msgs/msg/CompressedImage", header=header, format=_JPEG, data=data)
     to.write("/camera/color/image_raw/compressed", taken, image)
     to.write("/camera/color/camera_info", taken, to.camera_info(taken, CAMERA, camera))

@@ -31,7 +31,7 @@ def began_s(run: Run) -> float:
     """When a run began [s since 1970]: by its manifest, and where an older one does not say it, by its first file."""
     try:
         return datetime.fromisoformat(run.manifest["started"]).timestamp()
-    except KeyError:
+    except (KeyError, TypeError, ValueError):
         return run.folder.camera.stat().st_mtime
 
 

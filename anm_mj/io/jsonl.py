@@ -15,20 +15,22 @@ from anm_mj.utils.read_file import parse_json, read_bytes
 
 
 class LineWriter:
-    """Appends lines to a file and flushes after each. ``size`` None = a new file; else the length to cut an existing
-    one to before going on [bytes]. Raises RunFolderError if the file cannot be made or written.
+    """Appends lines to a file and flushes after each: to a new one, or, with ``goes_on``, to what there is. Raises
+    RunFolderError if the file cannot be made or written.
     """
 
-    def __init__(self, path: Path, size: int | None = None) -> None:
+    def __init__(self, path: Path, *, goes_on: bool = False) -> None:
         self.path = path
         self._failed = False
         with writing(path):
             # What is there may have been put there by anybody: a link to another file is not followed.
-            flags = os.O_WRONLY | os.O_NOFOLLOW | (os.O_CREAT | os.O_TRUNC if size is None else os.O_APPEND)
-            descriptor = os.open(path, flags, 0o666)
-            if size is not None:
-                os.truncate(descriptor, size)
-            self._file = os.fdopen(descriptor, "w", encoding="utf-8", newline="\n")
+            flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CREAT | (os.O_APPEND if goes_on else os.O_TRUNC)
+            self._file = os.fdopen(os.open(path, flags, 0o666), "w", encoding="utf-8", newline="\n")
+
+    def cut(self, size: int) -> None:
+        """Cut what there is to a length, before the first line [bytes]."""
+        with writing(self.path):
+            os.truncate(self._file.fileno(), size)
 
     @property
     def size(self) -> int:

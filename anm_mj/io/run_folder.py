@@ -79,6 +79,12 @@ class RunFolder:
     """Folder of the state from which a killed run goes on; gone once the run has finished."""
     resumed = _Member("resumed.jsonl")
     """One line per time that the run was resumed."""
+    novel_views = _Member("novel_views.json")
+    """How well the map shows its scene from places where the robot was not."""
+    novel_views_picture = _Member("novel_views.png")
+    """Some of these views beside the true ones."""
+    fixed_views = _Member("fixed_views.json")
+    """How well the map shows its scene from places that are the same for all runs."""
     survey = _Member("survey.npz")
     """Top-down map, graph and regions of the final map (:mod:`anm_mj.io.plan_file`)."""
 
@@ -100,11 +106,13 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
-        """The folder of an existing run. Raises RunFolderError if there is no such folder, or it contains no run."""
+        """The folder of an existing run, without links: one such as ``runs/latest`` leads somewhere else once a new run
+        has a folder. Raises RunFolderError if there is no such folder, or it contains no run.
+        """
         if not os.path.isdir(path):  # Unlike Path.is_dir, never an error.
             close = close_name(str(path), _folders_beside(path))
             raise RunFolderError(f"{path} is not a folder{close}; give the folder that a run wrote.")
-        folder = cls(path)
+        folder = cls(_real(path))
         for needed in (folder.steps, folder.frames, folder.camera):
             if not needed.is_file():
                 raise RunFolderError(f"{path} is not the folder of a run: it has no {needed.name}.")
@@ -115,8 +123,16 @@ class RunFolder:
         killed. What a killed program had half written goes, too.
         """
         partial = [path for folder in (self.path, self.checkpoints) for path in folder.glob(f".*.{'?' * 32}")]
-        for path in (self.metrics, self.map, self.explored, self.mesh, *partial):
+        for path in (*self.results, *partial):
             path.unlink(missing_ok=True)
+
+    @property
+    def results(self) -> tuple[Path, ...]:
+        """What a run writes at its end, and what is made of that; some of it may not be there."""
+        kept = (self.metrics, self.map, self.explored, self.mesh, self.survey, self.true_trajectory)
+        changes = (self.changes, self.changed_voxels)
+        pictures = (self.topdown_picture, self.fit_picture, self.curve_picture)
+        return (*kept, *changes, *pictures, self.novel_views, self.novel_views_picture, self.fixed_views)
 
     def plan(self, step: int) -> Path:
         """What the decision after ``step`` actions was read from (:mod:`anm_mj.io.plan_file`)."""
@@ -129,6 +145,12 @@ class RunFolder:
     def depth(self, step: int) -> Path:
         """Reduced depth of the observation after ``step`` actions: 16-bit PNG [mm], 0 without a hit."""
         return self.path / "depth" / f"{step:06d}.png"
+
+
+def _real(path: Path) -> Path:
+    """A path without links, from the working directory where it lies below."""
+    real, here = path.resolve(), Path.cwd().resolve()
+    return real.relative_to(here) if real.is_relative_to(here) else real
 
 
 def _folders_beside(path: Path) -> list[str]:

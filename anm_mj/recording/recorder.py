@@ -8,7 +8,7 @@ depends on the curve.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class RunRecorder:
         true_view: Returns true poses and depth, if observations hold only what the robot measures: metrics count what
             the camera truly saw from where it truly was.
         record: What is kept besides the numbers; None = the defaults.
-        resumed: Of a run that was resumed, as :class:`RunLog` has it; the lengths as :attr:`log_sizes` gave them.
+        goes_on: Whether the run was resumed; its logs are to be :meth:`cut`.
         before: What a continued run begins with; None for one that begins with nothing, and for a resumed one.
     """
 
@@ -67,25 +67,26 @@ class RunRecorder:
         truth: GroundTruth | None,
         true_view: Callable[[], TrueView] | None = None,
         record: RecordConfig | None = None,
-        resumed: tuple[dict[str, int], int] | None = None,
+        *,
+        goes_on: bool = False,
         before: Before | None = None,
     ) -> None:
         self.background = Background("recorder", ROOM)
         self.folder = folder
         self._true_view = true_view
         self.truth = truth
-        if resumed is None and truth is not None:
+        if not goes_on and truth is not None:
             with writing(folder.ground_truth), atomic_write(folder.ground_truth) as partial:
                 truth.save(partial)
         if before is not None:
             write_covered_before(folder.covered_before, before.covered_m)
         record = record or RecordConfig()
         self.replay_bytes = record.replay_bytes
-        self.log = RunLog(folder, record, resumed)
+        self.log = RunLog(folder, record, goes_on=goes_on)
         self._curve_file = None
         if truth is not None:
-            self._curve_file = LineWriter(folder.curve, resumed and resumed[0][folder.curve.name])
-            if resumed is None:
+            self._curve_file = LineWriter(folder.curve, goes_on=goes_on)
+            if not goes_on:
                 self._curve_file.line(CURVE_HEADER)
         self.curve = CompletionCurve(truth, None if before is None else before.covered_m, num_threads=1)
         self.prior = None if before is None else before.prior
@@ -94,6 +95,12 @@ class RunRecorder:
         self.statistics = EpisodeStatistics()
         self.people = PeopleStatistics()
         self.evaluation_s = 0.0
+
+    def cut(self, sizes: Mapping[str, int], step: int) -> None:
+        """Remove what was written after a step, as :meth:`RunLog.cut`; lengths are as of :attr:`log_sizes`."""
+        self.log.cut(sizes, step)
+        if self._curve_file is not None:
+            self._curve_file.cut(sizes.get(self._curve_file.path.name, 0))
 
     def flush(self) -> None:
         """Wait until everything so far is written; then the files and this object belong together."""
@@ -106,15 +113,25 @@ class RunRecorder:
         return {log.path.name: log.size for log in self._logs}
 
     @property
+    def log_paths(self) -> list[Path]:
+        """All logs."""
+        return [log.path for log in self._logs]
+
+    @property
     def _logs(self) -> tuple[LineWriter, ...]:
         return self.log.files if self._curve_file is None else (*self.log.files, self._curve_file)
 
     def written_since(self, step: int) -> list[Path]:
-        """The logs, and the depth images after a step: what must be on the disk before a checkpoint counts."""
+        """The logs, and what else was written after a step, -1 for all: what must be on the disk before a checkpoint
+        counts.
+        """
         self.flush()
-        new = range(step + 1, self.log.num_frames)
-        logs = [log.path for log in self._logs]
-        return [*logs, *(self.folder.depth(each) for each in new)]
+        folder, new = self.folder, range(step + 1, self.log.num_frames)
+        once = (folder.config, folder.manifest, folder.camera, folder.ground_truth) if step < 0 else ()
+        # The decision at a step comes after its checkpoint.
+        beside = [path(each) for path in (folder.image, folder.plan) for each in (max(step, 0), *new)]
+        there = [path for path in (*once, *beside) if path.is_file()]
+        return [*self.log_paths, *(folder.depth(each) for each in new), *there]
 
     @property
     def poses(self) -> list[Pose2]:

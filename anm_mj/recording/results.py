@@ -6,8 +6,9 @@ import functools
 import importlib
 import resource
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,12 +24,13 @@ from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.mesh_file import MESH_RESOLUTION_M, write_mesh
 from anm_mj.io.plan_file import write_plan
 from anm_mj.io.read_run import Run, read_json, read_run, titled
+from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence_poses import base_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.recording.recorder import RunRecorder
 from anm_mj.types import ExploredState, Plan, Pose2, SurfaceChange
-from anm_mj.utils.files import atomic_write, write_text
+from anm_mj.utils.files import atomic_write, sync, write_text
 from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
@@ -120,6 +122,14 @@ def write_results(
     recorder.flush()
     recorder.close()
     return metrics
+
+
+def sync_results(folder: RunFolder, logs: Iterable[Path]) -> None:
+    """Force logs and results of a run that has ended to the disk. Raises RunFolderError if that fails."""
+    for path in (*logs, *folder.results):
+        if path.is_file():
+            with writing(path):
+                sync(path)
 
 
 def _draw(recorder: RunRecorder, run: Run, survey: Plan, changes: Sequence[SurfaceChange]) -> None:

@@ -27,33 +27,34 @@ SMALL_QUALITY, FULL_QUALITY = 80, 95
 
 
 class RunLog:
-    """Writes observations, actions and decisions of a run, or of a recorded sequence. ``before`` is None for a new run;
-    for one that goes on, the lengths of its logs by name, and the step after which they were taken: what was written
-    later is removed. Every method raises RunFolderError if the folder cannot be written.
+    """Writes observations, actions and decisions of a run, or of a recorded sequence; of a new one, or of one that
+    ``goes_on`` once its logs are :meth:`cut`. Every method raises RunFolderError if the folder cannot be written.
     """
 
     REBUILT = ("_folder", "_record", "_steps", "_plans", "_frames", "_trajectory")
 
-    def __init__(
-        self, folder: RunFolder, record: RecordConfig, before: tuple[dict[str, int], int] | None = None
-    ) -> None:
+    def __init__(self, folder: RunFolder, record: RecordConfig, *, goes_on: bool = False) -> None:
         self._folder = folder
         self._record = record
-        sizes, step = before or ({}, -1)
         with writing(folder.path):
             if record.images != "none":
-                folder.image(0).parent.mkdir(exist_ok=before is not None)
+                folder.image(0).parent.mkdir(exist_ok=goes_on)
             if record.plans:
-                folder.plan(0).parent.mkdir(exist_ok=before is not None)
-            if before is not None:
-                _remove_after(folder, step)
+                folder.plan(0).parent.mkdir(exist_ok=goes_on)
         logs = (folder.steps, folder.plans, folder.frames, folder.trajectory)
-        self._steps, self._plans, self._frames, self._trajectory = (
-            LineWriter(path, sizes.get(path.name)) for path in logs
-        )
+        self._steps, self._plans, self._frames, self._trajectory = (LineWriter(path, goes_on=goes_on) for path in logs)
         self._num_frames = 0
         self._poses: list[Pose2] = []
         self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
+
+    def cut(self, sizes: Mapping[str, int], step: int) -> None:
+        """Remove what a run that was killed wrote after a step, given the lengths that its logs had then by name
+        [bytes]: later lines, images of later observations, and later decisions.
+        """
+        with writing(self._folder.path):
+            _remove_after(self._folder, step)
+        for file in self.files:
+            file.cut(sizes.get(file.path.name, 0))
 
     @property
     def num_frames(self) -> int:

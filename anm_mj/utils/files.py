@@ -52,6 +52,15 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8", newline="\n")
 
 
+def sync(path: Path) -> None:
+    """Force a file, or the names in a folder, to the disk. Raises OSError if the system cannot."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str]) -> None:
     """Write a safetensors file of arrays in C order, from the memory that they lie in, and the texts of its header.
     Raises OSError if it cannot be written.

@@ -73,6 +73,13 @@ def test_a_checkpoint_that_does_not_fit_its_folder_is_left_out(store):
     assert store.newest(accept).step == 100
 
 
+def test_those_that_were_left_out_go_once_an_older_one_is_used(store):
+    write(store, 100, 200, 1_000_000)
+    assert [store.has_after(step) for step in (200, 1_000_000)] == [True, False]
+    store.drop_after(200)
+    assert [path.name for path in store.folder.iterdir()] == ["000200.checkpoint"]
+
+
 def test_half_a_file_is_never_seen_and_a_full_disk_leaves_the_old_one(store, monkeypatch):
     write(store, 100)
 

@@ -19,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
+from anm_mj.errors import RunFolderError
 from anm_mj.export import formats
 from anm_mj.export.figures import topdown_of
 from anm_mj.export.formats import FORMATS, export_run
@@ -252,6 +253,7 @@ def test_rosbag(run, out):
     ahead = tree.pose("camera_link", "map", now_s)  # pyright: ignore[reportPossiblyUnboundVariable]
     assert ahead is not None
     np.testing.assert_allclose(ahead[:3, 0], run.frames[-1].T_world_camera[:3, 2], atol=1e-5)
+    assert {one.format for one in told["/camera/color/image_raw/compressed"]} == {"rgb8; jpeg compressed bgr8"}
     assert [one.data for one in told["/plan/reason"]] == [plan["reason"] for plan in run.plans]
     info = told["/map"][0].info
     topdown = room_plan().topdown
@@ -329,7 +331,8 @@ def test_late_images_have_the_times_and_poses_at_which_they_were_taken(run, tmp_
 
 def test_times_of_a_recording(run, run_folder, tmp_path, capsys):
     assert began_s(run) == STARTED_S
-    assert began_s(dataclasses.replace(run, manifest={})) == run.folder.camera.stat().st_mtime
+    for manifest in ({}, {"started": None}, {"started": "soon"}):
+        assert began_s(dataclasses.replace(run, manifest=manifest)) == run.folder.camera.stat().st_mtime
     live = dataclasses.replace(run, frames=on_wall_clock(run, None).frames)
     assert on_wall_clock(live, None).frames[-1].time_s == live.frames[-1].time_s
     lasts_s = live.frames[-1].time_s - live.frames[0].time_s
@@ -344,6 +347,26 @@ def test_times_of_a_recording(run, run_folder, tmp_path, capsys):
     for given, why in (("noon", "is no time"), ("2040-01-01", "from 1970 to 2037"), ("-5", "from 1970 to 2037")):
         assert main([*words, given]) == 2
         assert why in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_folder_that_no_export_wrote_is_not_replaced(run, tmp_path):
+    folder = tmp_path / "rosbag"
+    for name in ("rosbag_0.mcap", "notes.txt"):
+        folder.mkdir()
+        (folder / "metadata.yaml").touch()
+        (folder / name).write_text("mine")
+        with pytest.raises(RunFolderError, match=f"holds {name}, which no export writes"):
+            export_rosbag(run, tmp_path)
+        assert (folder / name).read_text() == "mine"
+        shutil.rmtree(folder)
+    folder.symlink_to(tmp_path)
+    with pytest.raises(RunFolderError, match="no folder of an export"):
+        export_rosbag(run, tmp_path)
+    folder.unlink()
+    export_rosbag(run, tmp_path)
+    export_rosbag(run, tmp_path)
+    assert {path.name for path in folder.iterdir()} == {"metadata.yaml", "rosbag.mcap"}
+    assert [path.name for path in tmp_path.iterdir()] == ["rosbag"]
 
 
 def test_a_bag_of_ours_is_a_sequence_again(run, out):

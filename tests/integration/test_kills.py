@@ -14,12 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import anm_mj.resume as resume_module
 import anm_mj.run
 from anm_mj.config import make_config
 from anm_mj.errors import CheckpointError, RunFolderError
 from anm_mj.evaluation.run_evaluation import evaluate_run
 from anm_mj.events import On, Stepped
 from anm_mj.io.folder_hold import held
+from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
@@ -208,6 +210,76 @@ def test_an_interrupted_run_leaves_doubted_surface_in_its_map_and_the_doubt_to_w
 
     resume(folder, observers=(On(Stepped, still),))
     assert doubts[1] > 0
+
+
+def test_a_checkpoint_that_does_not_fit_leaves_the_run_as_it_was(small, tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    settings = [*TINY, "checkpoint.every_steps=4", "checkpoint.loop_share=1"]
+    config = make_config("quick", settings, scene=str(small), steps=20, seed=3, device="cpu")
+    with pytest.raises(RuntimeError, match="cut off"):
+        anm_mj.run.run(config, out=folder, observers=(On(Stepped, lambda stepped: _cut_off(stepped.step == 7)),))
+    before = contents(folder)
+    assert num_steps(folder) > 4
+    with monkeypatch.context() as patch:
+        patch.setattr(resume_module, "lay_over", _refuse)
+        with pytest.raises(CheckpointError, match="does not fit"):
+            resume(folder)
+    assert contents(folder) == before
+    resume(folder)
+    assert num_steps(folder) == 20
+
+
+def _cut_off(now):
+    if now:
+        raise RuntimeError("cut off")
+
+
+def _refuse(*_):
+    raise CheckpointError("The checkpoint at step 4 does not fit this run.")
+
+
+def test_a_link_to_the_latest_run_may_move_while_that_is_resumed(small, tmp_path):
+    runs = tmp_path / "runs"
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=6, seed=3, device="cpu")
+    folder = RunFolder.create(None, "small", "gvg", runs)
+    shutil.rmtree(folder.path)
+    anm_mj.run.run(config, out=folder.path, observers=(On(Stepped, lambda stepped: stepped.step == 3),))
+    made = []
+
+    def another(stepped):
+        made.append(RunFolder.create(None, "other", "gvg", runs).path)
+
+    assert resume(runs / "latest", observers=(On(Stepped, another),))[0].path == folder.path
+    assert (folder.path / "mesh.ply").is_file()
+    assert all(sorted(path.name for path in other.iterdir()) == ["depth"] for other in made)
+    assert not any(list((other / "depth").iterdir()) for other in made)
+
+
+def test_other_software_than_before_is_said_and_noted(small, tmp_path, caplog):
+    folder = tmp_path / "run"
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=4, seed=3, device="cpu")
+    anm_mj.run.run(config, out=folder, observers=(On(Stepped, lambda stepped: stepped.step == 2),))
+    said = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps(said | {"packages": said["packages"] | {"mujoco": "2.0.0"}}))
+    resume(folder)
+    assert "goes on with another packages than it began with" in caplog.text
+    assert json.loads((folder / "resumed.jsonl").read_text())["packages"] == said["packages"]
+
+
+def test_an_error_after_a_later_checkpoint_is_none_of_the_one_it_resumed_from(small, tmp_path):
+    folder = tmp_path / "run"
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=30, seed=3, device="cpu")
+    anm_mj.run.run(config, out=folder, observers=(On(Stepped, lambda stepped: stepped.step == 2),))
+
+    def fail(stepped):
+        later = [path for path in folder.glob("checkpoint/[!.]*") if int(path.stem) > 2]
+        if later:
+            raise KeyError("unforeseen")
+
+    with pytest.raises(KeyError, match="unforeseen"):
+        resume(folder, observers=(On(Stepped, fail),))
+    _, metrics = resume(folder)
+    assert metrics.steps == 30
 
 
 def test_code_that_a_folder_names_is_not_run(small, tmp_path):

@@ -38,6 +38,16 @@ def test_default_name_and_latest(tmp_path):
     assert not os.path.isabs(os.readlink(tmp_path / "runs" / "latest"))
 
 
+def test_a_folder_opened_by_a_link_stays_that_folder(tmp_path, monkeypatch):
+    folder = RunFolder.create(None, "home", "gvg", tmp_path / "runs")
+    for name in ("steps.jsonl", "frames.jsonl", "camera.json"):
+        (folder.path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    opened = RunFolder.open(Path("runs/latest"))
+    RunFolder.create(None, "home", "gvg", tmp_path / "runs")
+    assert opened.metrics == Path("runs", folder.path.name, "metrics.json")
+
+
 def test_two_runs_within_a_second(tmp_path):
     folders = {RunFolder.create(None, "home", "gvg", tmp_path).path for _ in range(3)}
     assert len(folders) == 3
