@@ -11,7 +11,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,7 +71,8 @@ def read_spec(
     most = MAX_ROBOT_ELEMENTS if robot else MAX_ELEMENTS
     folder = Path(os.path.realpath(path)).parent
     own = _Places(top_folder(folder, levels_up), tuple(others), option)
-    elements = _Counter(folder, own).elements(path)
+    counter = _Counter(folder, own)
+    elements = counter.elements(path)
     if elements > most:
         raise ValueError(
             f"it has {elements:.4g} elements, copies counted {_COPY_COST} times, but files end at {most}: set "
@@ -82,7 +83,7 @@ def read_spec(
             spec = mujoco.MjSpec.from_file(str(path.absolute()))
     except Exception as err:  # MuJoCo has errors of its own.
         raise ValueError(str(err)) from err
-    _check_assets(spec, path.absolute().parent, own)
+    _check_assets(spec, path.absolute().parent, counter.attached_files(), own)
     return spec
 
 
@@ -132,7 +133,8 @@ def named_files(path: Path) -> list[Path]:
     except (OSError, ValueError):
         return []
     found = {folder / below / name for below in counter.folders for name in counter.names}
-    return sorted(file for file in {*found, *counter.known} if os.path.isfile(file))
+    found |= {*counter.attached_files(), *(file for _, file in counter.known)}
+    return sorted(file for file in found if os.path.isfile(file))
 
 
 def root_tag(src: Path) -> str:
@@ -177,11 +179,17 @@ class _Counter:
     folder: Path
     """Names of files are relative to it, wherever they stand."""
     own: _Places
-    known: dict[Path, int] = field(default_factory=dict)
-    """Elements by file; 0 while one is being counted."""
+    known: dict[tuple[Path | None, Path], int] = field(default_factory=dict)
+    """Elements by the model that they are of, as below, and file; 0 while one is being counted."""
     folders: set[str] = field(default_factory=lambda: {""})
     """Where ``<compiler>`` looks for files."""
     names: set[str] = field(default_factory=set)
+    model: Path | None = None
+    """The attached model that is being counted, whose files are found from its own folder; None in the file itself."""
+    attached: dict[Path, tuple[set[str], set[str]]] = field(default_factory=dict)
+    """Folders and names as above, of each attached model."""
+    models: dict[tuple[Path | None, str], Path] = field(default_factory=dict)
+    """Files that may be attached, by the model that names them and their name."""
     cells: int = 0
     """Pixels and cells so far that MuJoCo takes memory for while it reads."""
     cells_of: dict[Path, int] = field(default_factory=dict)
@@ -189,12 +197,12 @@ class _Counter:
 
     def elements(self, path: Path) -> int:
         """Number of elements of a file."""
-        if path in self.known:
-            return self.known[path]
-        self.known[path] = 0
+        key = (self.model, path)
+        if key in self.known:
+            return self.known[key]
+        self.known[key] = 0
         # MuJoCo takes comments that XML forbids.
         text = re.sub(rb"<!--.*?-->", b"", read_bytes(path, _MAX_MIB), flags=re.DOTALL)
-        models: dict[str, Path] = {}
         # How often the elements that are open stand in the model, and whether they are copies.
         factors, total, before = [(1, False)], 0, self.cells
         for name, attributes in _tags(text):
@@ -204,23 +212,39 @@ class _Counter:
             (times, copied), more = factors[-1], 1
             self._take(_num_cells(name, attributes), name, attributes)
             _check_size(name, attributes)
-            if name == "compiler":
-                self.folders |= {attributes[key] for key in ("assetdir", "meshdir", "texturedir") if key in attributes}
-            self.names |= {text for key, text in attributes.items() if key.startswith("file")}
+            self._ask(name, attributes)
             count = _product(attributes.get("count", "1")) if name in _COUNTED else 1
             if name == "include":
                 more += self.elements(self._file(path, attributes.get("file", "")))
             elif name == "model" and "file" in attributes:
                 below = self._file(path, attributes["file"])
-                models[attributes.get("name", below.stem)] = below
-            elif name == "attach" and attributes.get("model") in models:
-                more += _COPY_COST * self.elements(models[attributes["model"]])
-                self._take(self.cells_of.get(models[attributes["model"]], 0), name, attributes)
+                self.models[self.model, attributes.get("name", below.stem)] = below
+            elif name == "attach" and (below := self.models.get((self.model, attributes.get("model", "")))):
+                above, self.model = self.model, below
+                more += _COPY_COST * self.elements(below)
+                self.model = above
+                self._take(self.cells_of.get(below, 0), name, attributes)
             total += times * (_COPY_COST if copied else 1) * more + (times * _COPY_COST * count if count > 1 else 0)
             repeats = name == "replicate" and count > 1
             factors.append((times * count if repeats else times, copied or repeats))
-        self.known[path], self.cells_of[path] = total, self.cells - before
+        self.known[key], self.cells_of[path] = total, self.cells - before
         return total
+
+    def attached_files(self) -> Iterator[Path]:
+        """The files that exist of those that attached models name."""
+        for model, (folders, names) in self.attached.items():
+            # MuJoCo may be told to strip names of their folders.
+            names = names | {Path(name).name for name in names}
+            own = {model.parent / below / name for below in folders for name in names}
+            yield from (file for file in sorted(own) if os.path.exists(file) and not os.path.isdir(file))
+
+    def _ask(self, name: str, attributes: dict[str, str]) -> None:
+        """Note the folders and files that an element names."""
+        asked = (self.folders, self.names)
+        folders, names = asked if self.model is None else self.attached.setdefault(self.model, ({""}, set()))
+        if name == "compiler":
+            folders |= {attributes[key] for key in ("assetdir", "meshdir", "texturedir") if key in attributes}
+        names |= {text for key, text in attributes.items() if key.startswith("file")}
 
     def _take(self, cells: int, name: str, attributes: dict[str, str]) -> None:
         """Count the cells of an element; raises ValueError if there are too many with them."""
@@ -284,17 +308,19 @@ def _check_size(name: str, attributes: dict[str, str]) -> None:
                 raise ValueError(f"its size asks for {key} = {text}, but {_MOST_NUMBERS} is the most")
 
 
-def _check_assets(spec: mujoco.MjSpec, folder: Path, own: _Places) -> None:
-    """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears."""
+def _check_assets(spec: mujoco.MjSpec, folder: Path, attached: Iterable[Path], own: _Places) -> None:
+    """Accept regular files of the model's own place alone, those of attached models too, and no more pixels and cells
+    than memory bears.
+    """
     megapixels = 0.0
     files = [(spec.meshdir, asset.file, False) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     files += [(spec.texturedir, texture.file, True) for texture in spec.textures]
     files += [(spec.texturedir, file, True) for texture in spec.textures for file in texture.cubefiles]
-    for below, name, is_picture in files:
-        if not name:
-            continue
-        # Found as MuJoCo finds them; it says what is missing.
-        path = folder / below / (Path(name).name if spec.strippath else name)
+    # Found as MuJoCo finds them; it says what is missing.
+    strip = (lambda name: Path(name).name) if spec.strippath else str
+    found = [(folder / below / strip(name), name, is_picture) for below, name, is_picture in files if name]
+    found += [(path, path.name, False) for path in sorted({*attached} - {path for path, _, _ in found})]
+    for path, name, is_picture in found:
         if not path.exists():
             continue
         own.check(path, name)

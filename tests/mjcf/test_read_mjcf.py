@@ -114,3 +114,71 @@ def test_files_may_lie_beside_the_folder(tmp_path):
     assert read(tmp_path / "mjcf", text).textures[0].file.endswith("wood.png")
     with pytest.raises(ValueError, match="lies outside"):
         read_spec(tmp_path / "mjcf" / "world.xml", levels_up=0)
+
+
+@pytest.mark.parametrize("compiler", ['meshdir="{}"', 'assetdir="{}" strippath="true"', ""])
+@pytest.mark.parametrize("within", ["main", "included", "nested"])
+def test_an_attached_model_names_no_files_from_elsewhere(tmp_path, compiler, within):
+    deep = tmp_path / "a" / "b" / "c" / "d"
+    (deep / "parts").mkdir(parents=True)
+    for file in (tmp_path / "secret.obj", tmp_path / "a" / "near.obj"):
+        file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
+
+    def model(folder, name):
+        name = name if compiler else f"{folder}/{name}"
+        text = f'<compiler {compiler.format(folder)}/><asset><mesh name="m" file="{name}"/></asset><worldbody>'
+        (deep / "parts" / "thing.xml").write_text(
+            f'<mujoco>{text}<body name="b"><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+        )
+
+    def attach(file):
+        asset = f'<asset><model name="t" file="{file}"/></asset>'
+        return asset, '<worldbody><frame><attach model="t" body="b" prefix="p"/></frame></worldbody>'
+
+    asset, text = attach("parts/thing.xml")
+    if within == "main":
+        text = asset + text
+    elif within == "included":
+        (deep / "more.xml").write_text(f"<mujoco>{asset}</mujoco>")
+        text = '<include file="more.xml"/>' + text
+    else:
+        inner = "".join(attach("thing.xml")).replace("<frame>", '<body name="b">').replace("</frame>", "</body>")
+        (deep / "parts" / "outer.xml").write_text(f"<mujoco>{inner}</mujoco>")
+        text = "".join(attach("parts/outer.xml"))
+    model("../../../..", "near.obj")
+    assert read(deep, text).compile().nmesh == 1
+    assert deep / "parts/../../../../near.obj" in named_files(deep / "world.xml")
+    model("../../../../..", "secret.obj")
+    with pytest.raises(OutsideError, match=r"secret\.obj', which lies outside"):
+        read(deep, text)
+
+
+def test_textures_of_attached_models_count(tmp_path, monkeypatch):
+    (tmp_path / "parts").mkdir()
+    Image.new("RGB", (1000, 1500)).save(tmp_path / "parts" / "a.png")
+    texture = '<asset><texture name="t" type="2d" file="a.png"/></asset>'
+    (tmp_path / "parts" / "thing.xml").write_text(
+        f'<mujoco>{texture}<worldbody><body name="b">{BOX}</body></worldbody></mujoco>'
+    )
+    asset = '<asset><model name="t" file="parts/thing.xml"/></asset>'
+    text = asset + '<worldbody><attach model="t" body="b" prefix="p"/></worldbody>'
+    monkeypatch.setattr(read_mjcf, "MAX_TEXTURE_MEGAPIXELS", 3)
+    read(tmp_path, text)
+    monkeypatch.setattr(read_mjcf, "MAX_TEXTURE_MEGAPIXELS", 2)
+    with pytest.raises(ValueError, match="2 megapixels of textures"):
+        read(tmp_path, text)
+
+
+def test_what_two_models_include_is_looked_for_from_each(tmp_path):
+    deep = tmp_path / "a" / "b" / "c" / "d"
+    (deep / "parts").mkdir(parents=True)
+    for folder in (tmp_path, deep):
+        (folder / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
+    (deep / "shared.xml").write_text('<mujoco><asset><mesh name="m" file="m.obj"/></asset></mujoco>')
+    (deep / "parts" / "thing.xml").write_text(
+        '<mujoco><compiler meshdir="../../../../.."/><include file="../shared.xml"/><worldbody><body name="b">'
+        '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    text = '<include file="shared.xml"/><asset><model name="t" file="parts/thing.xml"/></asset>'
+    with pytest.raises(OutsideError, match=r"m\.obj', which lies outside"):
+        read(deep, text + '<worldbody><frame><attach model="t" body="b" prefix="p"/></frame></worldbody>')

@@ -192,3 +192,19 @@ def test_a_scene_far_from_its_origin_loses_nothing(tmp_path):
 def test_a_storey_with_thousands_of_digits_is_none():
     with pytest.raises(SceneError, match="No storey"):
         pick_storey([Storey(0.0, 20.0, -0.1, 3.0)], "9" * 5000)
+
+
+def test_the_parts_of_an_obj_file_are_its_materials(tmp_path):
+    mesh = room()
+    corners = trimesh.exchange.obj.export_obj(mesh, include_normals=False)
+    rows = [line for line in corners.splitlines() if line.startswith("f ")]
+    vertices = [line for line in corners.splitlines() if line.startswith("v ")]
+    lines = ["mtllib a.mtl", *vertices, "o house", "usemtl plaster", *rows, "o door_1", "usemtl wood", *rows[:1]]
+    (tmp_path / "a.obj").write_text("\n".join(lines))
+    (tmp_path / "a.mtl").write_text("newmtl plaster\nKd 1 1 1\nnewmtl wood\nKd 0 1 0\n")
+    made = import_scene(tmp_path / "a.obj", tmp_path / "out", up="z", leave_out=["wood"])
+    assert made.num_triangles == len(rows)
+    with pytest.raises(
+        SceneError, match=r"No part of the source matches 'door_\*': it has (plaster, wood|wood, plaster)"
+    ):
+        import_scene(tmp_path / "a.obj", tmp_path / "other", up="z", leave_out=["door_*"])

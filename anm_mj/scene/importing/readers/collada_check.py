@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
+from anm_mj.scene.importing.readers.collada_polygons import cut_collada
 from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, MeshFacts, damaged
 from anm_mj.utils.read_file import read_bytes
@@ -41,12 +42,30 @@ def check_collada(src: Path, report: ImportReport) -> MeshFacts:
     for name in list(count.shown)[len(geometries) :]:
         report.add(_NOT_SHOWN, f"{name!r} of {src.name}")
     # The library takes a comment for an element.
-    return MeshFacts(geometries=geometries, uneven=b"<!--" in text or text.count(b"<?") > 1)
+    uneven = b"<!--" in text or text.count(b"<?") > 1
+    return MeshFacts(geometries=geometries, uneven=cut_collada(root) or uneven)
 
 
 def even_collada(src: Path) -> bytes:
-    """A COLLADA file without comments and processing instructions."""
-    return ET.tostring(ET.fromstring(read_bytes(src, MAX_MESH_MIB)))
+    """A COLLADA file without comments, processing instructions, and polygons that a fan does not cover."""
+    root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
+    cut_collada(root)
+    return ET.tostring(root)
+
+
+def collada_nodes(src: Path) -> dict[str, set[str]]:
+    """The ids of the geometries that the nodes of a COLLADA file place themselves, by the names of the nodes. Raises
+    OSError or ValueError if it cannot be read.
+    """
+    try:
+        root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
+    except (ET.ParseError, RecursionError) as err:
+        raise ValueError(str(err)) from err
+    found: dict[str, set[str]] = {}
+    for node in _all(root, "node"):
+        ids = {own.get("url", "").removeprefix("#") for own in node if _kind(own) == "instance_geometry"}
+        found.setdefault(node.get("name", node.get("id", "")), set()).update(ids)
+    return found
 
 
 def _visual_scenes(root: ET.Element) -> tuple[list[ET.Element], list[ET.Element]]:

@@ -5,7 +5,6 @@ hundred metres wide, is cut to what stands on it. The unit of a COLLADA mesh is 
 Gazebo does.
 """
 
-import math
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
@@ -13,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import find_floor
@@ -24,13 +23,22 @@ from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_include import FOLDER, part_path, read_world
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
-from anm_mj.scene.importing.readers.sdf_pose import Scope, Transform, is_true, numbers, state_poses, text_of
+from anm_mj.scene.importing.readers.sdf_pose import (
+    Scope,
+    Transform,
+    end_of_range,
+    is_true,
+    numbers,
+    state_poses,
+    text_of,
+)
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
+from anm_mj.scene.importing.readers.submesh_name import Nodes, named_submeshes, nodes_of
 from anm_mj.scene.raster import areas, clip_to_slab, grid_over, level_mask, rasterise
 from anm_mj.scene.submesh import Submesh, middle_of, transformed, triangles_of
 
 _FAR_M = 1000.0
-"""A saved world may hold objects that have fallen off it; nothing indoors is so far from the origin [m]."""
+"""A saved world may hold objects that have fallen off it; nothing indoors is so far from the others [m]."""
 _WIDE_M = 20.0
 """A level plane wider than this is the ground [m]."""
 _COVERED = 0.5
@@ -61,7 +69,8 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
     reader = _Reader(file, places, report)
     submeshes = reader.read(world)
     if not submeshes:
-        raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
+        why = " ".join(["check where its models are (--model-path).", *report.sentences()])
+        raise SceneError(f"{file} holds nothing that can be drawn: {why}")
     models = ", ".join(sorted(used))
     source = f"Gazebo world {file.name}" + (f" with the models {models}" if models else "")
     return ParsedScene(submeshes, source, up="z", up_certainty=float("inf"), scale=1.0, joints=reader.joints)
@@ -73,12 +82,15 @@ class _Reader:
         """How links can move, by the name of their part."""
         self._deleted: set[str] = set()
         """Names of the world's models that its saved state has deleted."""
+        self._middle_m = np.zeros(3)
+        """Where the world's models stand."""
         self._name = file.name
         self._places = places
         self._report = report
         self._budget = TriangleBudget(file)
         self._materials = MaterialReader(places, report)
         self._meshes: dict[Path, list[Submesh]] = {}
+        self._nodes: dict[Path, Nodes] = {}
         self._submeshes: list[Submesh] = []
         self._grounds: list[tuple[Submesh, Material]] = []
 
@@ -90,12 +102,31 @@ class _Reader:
             if scale != (1.0, 1.0, 1.0) and scaled.get("name") not in self._deleted:
                 self._report.add(_SCALED, scaled.get("name", "a model"))
         # A file with a model instead of a world holds one part.
-        self._read_scope(Scope(world, np.eye(4), state_poses(world), ""), "")
+        scope = Scope(world, np.eye(4), state_poses(world), "")
+        self._middle_m = self._middle_of_models(scope)
+        self._read_scope(scope, "")
         if self._submeshes and not self._grounds and lacks_ground(triangles_of(self._submeshes)):
             self._report.add(_GROUND, self._name)
             ground = plane_submesh((2.0 * _FAR_M, 2.0 * _FAR_M), np.array([0.0, 0.0, 1.0]), "ground")
+            ground = transformed(ground, np.eye(3), self._middle_m * (1.0, 1.0, 0.0))
             self._grounds.append((ground, Material(PLAIN_RGB)))
         return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
+
+    def _middle_of_models(self, scope: Scope) -> Float64[np.ndarray, "3"]:
+        """The origin [m], or the median of where the world's models stand if more of them are near that: some worlds
+        are in map coordinates, and in others most objects have fallen, each to another depth.
+        """
+        models = [child for child in scope.element.findall("model") if child.get("name") not in self._deleted]
+        at_m = np.array([scope.inner(model).T_world_scope[:3, 3] for model in models]).reshape(-1, 3)
+        if not len(at_m):
+            return np.zeros(3)
+        # One that is a model's coordinate, also between two groups of as many models.
+        median_m = np.sort(at_m, axis=0)[(len(at_m) - 1) // 2]
+        near_origin, near_median = (
+            int(np.count_nonzero(np.abs(at_m - middle_m).max(axis=1) <= _FAR_M)) for middle_m in (np.zeros(3), median_m)
+        )
+        is_elsewhere = np.abs(median_m).max() > _FAR_M and near_median > near_origin
+        return median_m if is_elsewhere else np.zeros(3)
 
     def _read_scope(self, scope: Scope, part: str) -> None:
         for child in scope.element:
@@ -104,7 +135,7 @@ class _Reader:
                 if not part and child.get("name") in self._deleted:
                     continue
                 inner = scope.inner(child)
-                if np.abs(inner.T_world_scope[:3, 3]).max() > _FAR_M:
+                if np.abs(inner.T_world_scope[:3, 3] - self._middle_m).max() > _FAR_M:
                     self._report.add(_FALLEN, child.get("name", "a model"))
                 else:
                     self._read_scope(inner, part_path(part, child, "model"))
@@ -162,8 +193,8 @@ class _Reader:
         expressed_in = None if xyz is None else xyz.get("expressed_in")
         in_model = is_true(axis.findtext("use_parent_model_frame"))
         T_world_axis = scope.frame(expressed_in) if expressed_in else scope.T_world_scope if in_model else T_world_joint
-        low, high = (numbers(axis.find(f"limit/{end}"), 1, (math.nan,))[0] for end in ("lower", "upper"))
-        # Endless limits are written as huge numbers.
+        low, high = (end_of_range(axis.find(f"limit/{end}")) for end in ("lower", "upper"))
+        # Endless limits are written as infinite or huge numbers.
         limited = joint.get("type") != "continuous" and -1e3 < low <= high < 1e3
         length = float(np.linalg.norm(direction))
         if length > 0.0:
@@ -193,7 +224,9 @@ class _Reader:
         submeshes = self._meshes[path]
         wanted = text_of(shape, "submesh/name")
         if wanted:
-            submeshes = [submesh for submesh in submeshes if _same_name(submesh.name, wanted)]
+            if path not in self._nodes:
+                self._nodes[path] = nodes_of(path)
+            submeshes = named_submeshes(self._nodes[path], submeshes, wanted)
             if not submeshes:
                 self._report.add(NO_MESH, f"{wanted} in {path.name}")
         if submeshes and is_true(shape.findtext("submesh/center")):
@@ -223,12 +256,6 @@ class _Reader:
         # The texture keeps its size on the ground.
         share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
         return [with_material(replace(plane, uv=None if plane.uv is None else plane.uv * share), material)]
-
-
-def _same_name(submesh: str, wanted: str) -> bool:
-    """Whether a submesh read from a mesh file is the submesh of a name; exporters append words of their own."""
-    submesh, wanted = submesh.lower(), wanted.lower()
-    return submesh == wanted or submesh.removeprefix(wanted).startswith(("-", "_", "."))
 
 
 _ON_GROUND_M = 0.1

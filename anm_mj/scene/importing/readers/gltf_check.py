@@ -9,7 +9,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.gltf_file import GltfFile, colour_slot, open_gltf
 from anm_mj.scene.importing.readers.import_limits import MAX_TRIANGLES, check_parts, check_triangles
 from anm_mj.scene.importing.readers.import_report import ImportReport, MeshFacts, damaged
-from anm_mj.scene.importing.readers.texture_file import UNDECODABLE, find_texture, is_decodable
+from anm_mj.scene.importing.readers.texture_file import TRANSFORMED, UNDECODABLE, find_texture, is_decodable
 
 _BASIS = ("KHR_texture_basisu", "GOOGLE_texture_basis")
 _BASIS_NOTE = (
@@ -17,7 +17,6 @@ _BASIS_NOTE = (
     "JPEG or PNG textures if there is one (the -glb archives of HM3D), or convert a .glb once outside "
     "(`gltf-transform ktxdecompress IN OUT`)."
 )
-_TRANSFORM_NOTE = "Texture transforms are not applied, so the textures of {names} may come out shifted or scaled."
 _MORPH_NOTE = "Morph targets are not applied: {names} come out as without them."
 _SKIN_NOTE = "Skins are not applied: {names} stand as they were made, without their bones."
 
@@ -58,7 +57,9 @@ def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
         junk = list(_undecodable(gltf))
         skinned = [f"node {node.get('name', k)!r}" for k, node in enumerate(gltf.listed("nodes")) if "skin" in node]
         transformed = any(_TRANSFORM in slot.get("extensions", {}) for slot in _colour_slots(gltf))
-        uneven = any(gltf.even_primitive(primitive) != primitive for primitive in gltf.primitives())
+        # The library leaves out a node with a camera, and takes what stands in it for damage.
+        uneven = any("camera" in node and ("mesh" in node or node.get("children")) for node in gltf.listed("nodes"))
+        uneven = uneven or any(gltf.even_primitive(primitive) != primitive for primitive in gltf.primitives())
     except (struct.error, ValueError, TypeError, AttributeError, LookupError, OSError) as err:
         raise damaged(src, err) from err
     refusals = (
@@ -88,7 +89,7 @@ def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
     if basis:
         report.add(_BASIS_NOTE, src.name)
     if transformed:
-        report.add(_TRANSFORM_NOTE, src.name)
+        report.add(TRANSFORMED, src.name)
     for note, names in ((_MORPH_NOTE, morphed), (_SKIN_NOTE, skinned), (UNDECODABLE, junk)):
         for name in names:
             report.add(note, f"{name} of {src.name}")

@@ -114,12 +114,28 @@ def open_gltf(src: Path, size: int) -> GltfFile:
     return GltfFile(src, header, body)
 
 
+def gltf_nodes(gltf: GltfFile) -> dict[str, set[str]]:
+    """The names of the meshes that the nodes of a glTF file place, by the names of the nodes. Raises ValueError if a
+    node names no mesh.
+    """
+    found: dict[str, set[str]] = {}
+    for index, node in enumerate(gltf.listed("nodes")):
+        # Meshes without a name get this one from the library.
+        names = {gltf.entry("meshes", node["mesh"]).get("name", "GLTF")} if "mesh" in node else set()
+        found.setdefault(str(node.get("name", index)), set()).update(names)
+    return found
+
+
 def even_gltf(src: Path) -> bytes:
-    """A glTF file, primitives as :meth:`GltfFile.even_primitive` has them. Raises ValueError if it cannot be read."""
+    """A glTF file without cameras, primitives as :meth:`GltfFile.even_primitive` has them. Raises ValueError if it
+    cannot be read.
+    """
     content = read_bytes(src, MAX_MESH_MIB)
     gltf = open_gltf(src, len(content))
     for mesh in gltf.header["meshes"]:
         mesh["primitives"] = [gltf.even_primitive(primitive) for primitive in mesh["primitives"]]
+    for node in gltf.listed("nodes"):
+        node.pop("camera", None)
     gltf.header.setdefault("materials", []).append({})
     text = json.dumps(gltf.header).encode()
     if not gltf.body:

@@ -121,11 +121,11 @@ class _Placement:
     translation_m: Float64[np.ndarray, "3"]
     scale: Float64[np.ndarray, "3"]
     by_centre: bool
-    """Whether ``translation_m`` is where the middle of the object's bounding box is, rather than its origin."""
+    """Whether ``translation_m`` is where the object's centre of mass is, rather than its origin."""
 
 
 def _placements(scene: dict[str, Any]) -> list[_Placement]:
-    # Habitat's default is the centre of mass, which it takes from the bounding box.
+    # Habitat's default is the centre of mass, which it takes from the bounding box unless the template states it.
     usual = str(scene.get("translation_origin", "com"))
     entries = [(scene["stage_instance"], "asset_local")] if scene.get("stage_instance") else []
     entries += [(entry, usual) for entry in scene.get("object_instances", [])]
@@ -154,6 +154,8 @@ class _Templates:
         self._report = report
         self._budget = TriangleBudget(src)
         self._submeshes: dict[str, list[Submesh]] = {}
+        self._centres_m: dict[str, Float64[np.ndarray, "3"]] = {}
+        """Centres of mass in the axes of the objects, by template; only those that are stated."""
 
     def placed(self, placement: _Placement) -> list[Submesh]:
         """The submeshes of an instance, in the scene (y up) [m]; none, with a note, where they cannot be had."""
@@ -165,7 +167,8 @@ class _Templates:
         shift = placement.translation_m
         matrix = placement.rotation * placement.scale
         if submeshes and placement.by_centre:
-            shift = shift - matrix @ middle_of(submeshes)
+            stated = self._centres_m.get(placement.template)
+            shift = shift - matrix @ (middle_of(submeshes) if stated is None else stated)
         return [replace(transformed(submesh, matrix, shift), part=placement.template) for submesh in submeshes]
 
     def _read(self, name: str) -> list[Submesh]:
@@ -189,14 +192,26 @@ class _Templates:
                 return read_urdf(path, self._report, self._folders)
             if config is None:
                 return read_mesh(path, self._report)
-            turn = _canonical_axes(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
-            turn = turn * float(config.get("units_to_meters", 1.0))
+            scale = np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
+            turn = _canonical_axes(config) * scale * float(config.get("units_to_meters", 1.0))
+            centre_m = _stated_centre(config)
+            if centre_m is not None:
+                self._centres_m[name] = centre_m * scale
             return [transformed(submesh, turn) for submesh in read_mesh(path, self._report)]
         except LimitError:
             raise
         except (SceneError, TypeError, ValueError) as err:
             self._report.add(LEFT_OUT, f"{name} ({err})")
             return []
+
+
+def _stated_centre(config: dict[str, Any]) -> Float64[np.ndarray, "3"] | None:
+    """The centre of mass that the configuration of an object states [m]; None where it states none."""
+    stated = config.get("COM")
+    if not isinstance(stated, list) or len(stated) != 3 or any(type(own) not in (int, float) for own in stated):
+        return None
+    centre_m = np.array(stated, dtype=np.float64)
+    return centre_m if np.isfinite(centre_m).all() else None
 
 
 def _canonical_axes(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:

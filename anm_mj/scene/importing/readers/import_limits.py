@@ -71,6 +71,16 @@ def check_spread(src: Path, triangles_m: Float[np.ndarray, "f 3 3"]) -> None:
         )
 
 
+def check_includes(src: Path, number: int) -> None:
+    """Raises LimitError for a world that includes too many models, which may include others."""
+    most = MAX_TRIANGLES // _COPY_TRIANGLES
+    if number > most:
+        raise LimitError(
+            f"{src} includes more than {most} models, those in one another counted: include fewer, or set "
+            "ANM_MJ_MAX_TRIANGLES to allow more."
+        )
+
+
 @dataclass
 class TriangleBudget:
     """Counts the triangles of a world or scene, which may place one mesh any number of times."""

@@ -39,6 +39,10 @@ class MeshFacts(NamedTuple):
     draco: bool = False
     geometries: tuple[str, ...] = ()
     """COLLADA: the ids of the geometries that its scene shows."""
+    latin: bool = False
+    """OBJ: whether texts that are no UTF-8 are Latin-1."""
+    unmapped: frozenset[bytes] = frozenset()
+    """OBJ: the materials with a picture of whose faces some have texture coordinates and others have none."""
     uneven: bool = False
     """OBJ, glTF, COLLADA: whether it has to be rewritten before it is read
     (:func:`anm_mj.scene.importing.readers.obj_check.even_text`,

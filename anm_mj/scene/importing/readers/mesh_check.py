@@ -2,14 +2,14 @@
 
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.collada_check import check_collada
 from anm_mj.scene.importing.readers.gltf_check import check_gltf
-from anm_mj.scene.importing.readers.import_limits import check_size
-from anm_mj.scene.importing.readers.import_report import ImportReport, MeshFacts
+from anm_mj.scene.importing.readers.import_limits import check_size, check_triangles
+from anm_mj.scene.importing.readers.import_report import ImportReport, MeshFacts, some
 from anm_mj.scene.importing.readers.obj_check import check_obj
+from anm_mj.scene.importing.readers.ply_file import CORNERS, PlyElement, ply_header
 from anm_mj.utils.read_file import open_regular
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
@@ -18,7 +18,6 @@ _HEAD_BYTES = 65536
 """The header of a PLY file ends, and the first triangle of an ASCII STL file begins, within this many bytes."""
 _STL_HEAD, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file before its triangles, and of each."""
-_PLY_CORNERS = ("vertex_indices", "vertex_index")
 
 
 def check_mesh_file(src: Path, report: ImportReport) -> MeshFacts:
@@ -69,44 +68,40 @@ def _check_stl(src: Path, size: int) -> None:
             f"{src} states {stated} triangles, which take {_STL_HEAD + stated * _STL_TRIANGLE} bytes, and has {size}: "
             "copy or export it again."
         )
-
-
-class _PlyElement(NamedTuple):
-    name: str
-    stated: int | None
-    """Stated number of rows; None where it is no number."""
-    properties: list[list[str]]
-    """Words of each property, without the first."""
+    check_triangles(src, stated)
 
 
 def _check_ply(src: Path) -> None:
-    """Refuse a PLY file whose faces name their vertices by a word that nobody knows, or that has too few in a row."""
+    """Refuse a PLY file whose faces name their vertices by a word that nobody knows, or that has too few in a row, too
+    many faces, or more pictures than the library tells apart.
+    """
     with open_regular(src) as file:
-        head, _, rest = file.read(_HEAD_BYTES).partition(b"end_header")
-        header = [line.split() for line in head.decode("latin-1").splitlines()]
-        elements: list[_PlyElement] = []
-        for words in header:
-            if words[:1] == ["element"]:
-                is_stated = len(words) == 3 and words[2].isdecimal() and len(words[2]) < 19
-                elements.append(_PlyElement(" ".join(words[1:2]), int(words[2]) if is_stated else None, []))
-            elif words[:1] == ["property"] and elements:
-                elements[-1].properties.append(words[1:])
-        if any(words[:2] == ["format", "ascii"] for words in header):
-            _check_ply_rows(src, elements, (rest + file.read()).decode("latin-1").splitlines()[1:])
-    if any(element.name == "tristrips" for element in elements):
+        head = file.read(_HEAD_BYTES)
+        header = ply_header(head)
+        check_triangles(src, sum(own.stated or 0 for own in header.elements if own.name == "face"))
+        if any(line.split()[:2] == ["format", "ascii"] for line in header.lines):
+            rest = head.partition(b"end_header")[2] + file.read()
+            _check_ply_rows(src, header.elements, rest.decode("latin-1").splitlines()[1:])
+    if header.element("tristrips") is not None:
         raise SceneError(f"{src} has strips of triangles, which cannot be read: export it with faces.")
-    faces = (element for element in elements if element.name == "face")
-    lists = [words[-1] for face in faces for words in face.properties if words[:1] == ["list"]]
-    if lists and not {*lists} & {*_PLY_CORNERS}:
+    if len(header.pictures) > 1:
         raise SceneError(
-            f"{src} has faces with {', '.join(lists)}, but none with {' or '.join(_PLY_CORNERS)}: export it again."
+            f"{src} names {len(header.pictures)} pictures ({some(header.pictures, 3)}), but not which of its faces has "
+            "which: export it as .glb or .obj."
+        )
+    faces = (element for element in header.elements if element.name == "face")
+    lists = [words[-1] for face in faces for words in face.properties if words[:1] == ["list"]]
+    if lists and not {*lists} & {*CORNERS}:
+        raise SceneError(
+            f"{src} has faces with {', '.join(lists)}, but none with {' or '.join(CORNERS)}: export it again."
         )
 
 
-def _check_ply_rows(src: Path, elements: list[_PlyElement], rows: list[str]) -> None:
+def _check_ply_rows(src: Path, elements: list[PlyElement], rows: list[str]) -> None:
     """Refuse an ASCII PLY file with fewer rows than it states, or with faces of fewer corners than a triangle."""
     at = 0
-    for name, stated, properties in elements:
+    for element in elements:
+        name, stated, properties = element.name, element.stated, element.properties
         if stated is None:
             continue
         if len(rows) < at + stated:
@@ -131,7 +126,7 @@ def _is_face(row: list[str], properties: list[list[str]]) -> bool:
             if at >= len(row) or not row[at].isdecimal():
                 return False
             number, at = int(row[at]), at + 1
-            if words[-1] in _PLY_CORNERS and number < 3:
+            if words[-1] in CORNERS and number < 3:
                 return False
         at += number
     return at == len(row)

@@ -1,42 +1,45 @@
 """Checks an OBJ file before it is read, and writes its lines as the library expects them."""
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
-import mapbox_earcut
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts
+from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, MeshFacts
-from anm_mj.scene.raster import normals
+from anm_mj.scene.importing.readers.obj_material import Materials, check_materials, is_utf8
+from anm_mj.scene.importing.readers.polygons import MAX_CORNERS, cut_polygons
 from anm_mj.utils.read_file import open_regular, read_bytes
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _NOT_READ = (b"surf ", b"fo ", b"bzp ", b"bsp ", b"call ")
 """Keywords of free-form surfaces, of obsolete faces, and of other files."""
 _LIBRARY = re.compile(rb"(?m)^mtllib +(.*)$")
-_MAX_CORNERS = 10_000
-"""Cutting a polygon takes time that grows with the square of its corners."""
-_BEYOND = 1e-6
-"""A triangle of a fan is turned around by more than this share of the polygon where the fan reaches beyond it."""
 _VERTEX_ZERO = re.compile(rb"\s0+(?:/|\s|$)")
 
 
 def check_obj(src: Path, report: ImportReport) -> MeshFacts:
-    """Look at every line of an OBJ file, and note the surfaces that are not read. Raises SceneError if it changes its
-    material too often, a vertex has less than three numbers, or a face names vertex 0.
+    """Look at every line of an OBJ file, and note the surfaces and materials that are not read. Raises SceneError if it
+    has too many materials or triangles, a vertex has less than three numbers, or a face names vertex 0.
     """
-    parts, libraries, uneven = 0, 0, False
+    libraries: list[bytes] = []
+    materials: dict[bytes, set[bool]] = {}
+    """Whether its faces have texture coordinates, by material; a value for each kind of face that it has."""
+    mapped: set[bool] = set()
+    triangles, plain, uneven = 0, True, False
     with open_regular(src) as file:
         for number, line in enumerate(file, 1):
             # trimesh finds a line by what stands first in it, with a space behind.
             if line[0] in b" \t" or b"\t" in line or (number == 1 and line.startswith(_BYTE_ORDER_MARK)):
                 uneven = True
                 line = line.removeprefix(_BYTE_ORDER_MARK).strip().replace(b"\t", b" ")
+            if not line.isascii():
+                plain = plain and is_utf8(line)
             if line.startswith(b"usemtl"):
-                parts += 1
+                mapped = materials.setdefault(line[6:].strip(), set())
             elif line.startswith(_NOT_READ):
                 report.add(LEFT_OUT, f"{line.split()[0].decode()!r} in line {number} of {src.name}")
             elif line.startswith(b"v ") and len(line.split()) < 4 and not line.rstrip().endswith(b"\\"):
@@ -45,29 +48,44 @@ def check_obj(src: Path, report: ImportReport) -> MeshFacts:
                 )
             elif line.startswith(b"f "):
                 corners = len(line.split()) - 1
-                if corners > _MAX_CORNERS:
+                if corners > MAX_CORNERS:
                     raise SceneError(
-                        f"{src}, line {number}: a face has {corners} corners, but faces end at {_MAX_CORNERS}: export "
+                        f"{src}, line {number}: a face has {corners} corners, but faces end at {MAX_CORNERS}: export "
                         "it with triangles."
                     )
                 if b" 0" in line and _VERTEX_ZERO.search(line):
                     raise SceneError(
                         f"{src}, line {number}: a face names vertex 0, but OBJ counts from 1: export it again."
                     )
+                triangles += max(1, corners - 2)
+                mapped.add(_is_mapped(line))
                 uneven = uneven or not _is_plain_face(line)
             elif line.startswith(b"mtllib "):
-                uneven, libraries = uneven or libraries > 0, libraries + 1
-    check_parts(src, parts)
-    return MeshFacts(uneven=uneven)
+                uneven = uneven or bool(libraries)
+                libraries.append(line[7:].strip())
+    check_parts(src, len(materials))
+    check_triangles(src, triangles)
+    used = [name for name, kinds in materials.items() if name and kinds]
+    try:
+        found = check_materials(src, used, libraries, plain, report)
+    # The library guesses encodings by a package that may be missing, and by names that Python may not know.
+    except (OSError, ValueError, LookupError, ImportError) as err:
+        report.add(LEFT_OUT, f"the materials of {src.name} ({err})")
+        found = Materials()
+    unmapped = frozenset(name for name in used if len(materials[name]) == 2 and name in found.pictured)
+    uneven = uneven or bool(unmapped) or (found.latin and not plain)
+    return MeshFacts(uneven=uneven, unmapped=unmapped, latin=found.latin)
 
 
-def even_text(src: Path) -> bytes:
+def even_text(src: Path, unmapped: Collection[bytes] = (), latin: bool = False) -> bytes:
     """An OBJ file as the library expects it.
 
     Without byte order mark, tabs, spaces before a line, and lines that go on in the next; with one line of material
     files, vertices counted from 1, and polygons that a fan covers: the library counts negative indices from the end of
     the file, where OBJ counts them from the line that they stand in, and cuts every polygon into a fan about its first
-    corner, which reaches beyond one that is not convex. Raises ValueError if it cannot be read.
+    corner, which reaches beyond one that is not convex. Faces of the materials ``unmapped`` all have texture
+    coordinates, since the library drops those of a material if one face has none, or takes normals for them. With
+    ``latin``, a text in another encoding than UTF-8 is Latin-1. Raises ValueError if it cannot be read.
     """
     text = read_bytes(src, MAX_MESH_MIB).removeprefix(_BYTE_ORDER_MARK).replace(b"\t", b" ")
     text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
@@ -75,7 +93,14 @@ def even_text(src: Path) -> bytes:
     libraries = list(dict.fromkeys(name.strip() for name in _LIBRARY.findall(text)))
     if len(libraries) > 1:
         text = b"mtllib " + b" ".join(libraries) + b"\n" + _LIBRARY.sub(b"", text)
-    return _with_plain_faces(text)
+    text = _with_plain_faces(text, unmapped)
+    return text.decode("latin-1").encode() if latin and not is_utf8(text) else text
+
+
+def _is_mapped(line: bytes) -> bool:
+    """Whether the corners of a face have texture coordinates, as in 1/1 and 1/1/1."""
+    corners = line.partition(b"#")[0]
+    return b"/" in corners and b"//" not in corners
 
 
 def _is_plain_face(line: bytes) -> bool:
@@ -83,8 +108,10 @@ def _is_plain_face(line: bytes) -> bool:
     return b"-" not in line and b"#" not in line and len(line.split()) <= 4
 
 
-def _with_plain_faces(text: bytes) -> bytes:
+def _with_plain_faces(text: bytes, unmapped: Collection[bytes]) -> bytes:
     lines = text.split(b"\n")
+    if unmapped:
+        _map_faces(lines, unmapped)
     vertices: list[bytes] = []
     others = {b"vt": 0, b"vn": 0}
     polygons: dict[int, list[int]] = {}
@@ -108,6 +135,28 @@ def _with_plain_faces(text: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def _map_faces(lines: list[bytes], materials: Collection[bytes]) -> None:
+    """Give one more entry of texture coordinates to the corners of some materials' faces that have none."""
+    entries = [len(line.split()) for line in lines if line.startswith(b"vt ")]
+    is_own = False
+    for number, line in enumerate(lines):
+        if line.startswith(b"usemtl"):
+            is_own = line[6:].strip() in materials
+        elif is_own and line.startswith(b"f ") and not _is_mapped(line):
+            corners = line.partition(b"#")[0].split()[1:]
+            lines[number] = b"f " + b" ".join(_mapped(corner, len(entries) + 1) for corner in corners)
+    # With as many numbers as the others.
+    lines.append(b"vt" + b" 0" * (max(entries, default=3) - 1))
+
+
+def _mapped(corner: bytes, entry: int) -> bytes:
+    """A corner such as 1 or 1//1 with the texture coordinates ``entry`` if it has none."""
+    vertex, *others = corner.split(b"/")
+    if others[:1] in ([], [b""]):
+        others[:1] = [b"%d" % entry]
+    return b"/".join([vertex, *others])
+
+
 def _from_one(corner: bytes, seen: tuple[int, int, int]) -> bytes:
     """A corner such as -1/-1 with indices from 1; above it stand ``seen`` vertices, texture coordinates and normals."""
     words = []
@@ -123,32 +172,7 @@ def _cut(lines: list[bytes], numbers: list[int], points: Float64[np.ndarray, "v 
     """Cut those of the polygons in the lines ``numbers``, of as many corners each, that a fan does not cover."""
     corners = [lines[number].split()[1:] for number in numbers]
     index = np.array([[int(corner.partition(b"/")[0]) for corner in own] for own in corners]) - 1
-    if index.min() < 0 or index.max() >= len(points):
-        return  # The library refuses it.
-    outlines = points[index]
-    normals = np.cross(outlines, np.roll(outlines, -1, axis=1)).sum(axis=1)
-    for own in np.flatnonzero(_exceeded_by_fan(outlines, normals)):
-        triangles = _ears(outlines[own], normals[own])
-        if len(triangles):
-            lines[numbers[own]] = b"\n".join(
-                b"f " + b" ".join(corners[own][corner] for corner in triangle) for triangle in triangles
-            )
-
-
-def _exceeded_by_fan(
-    outlines: Float64[np.ndarray, "n k 3"], normals: Float64[np.ndarray, "n 3"]
-) -> Bool[np.ndarray, " n"]:
-    """Whether a fan about the first corner of a polygon has a triangle that lies the other way round."""
-    spokes = outlines[:, 1:] - outlines[:, :1]
-    turned = np.cross(spokes[:, :-1], spokes[:, 1:])
-    return (np.einsum("nki,ni->nk", turned, normals) < -_BEYOND * np.sum(normals**2, axis=1)[:, None]).any(axis=1)
-
-
-def _ears(outline: Float64[np.ndarray, "k 3"], normal: Float64[np.ndarray, "3"]) -> Int64[np.ndarray, "t 3"]:
-    """Triangles of a polygon by ear clipping in the plane of two axes, turned as its outline; none if it has none."""
-    flat = np.delete(outline, int(np.argmax(np.abs(normal))), axis=1)
-    found = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32))
-    triangles = found.reshape(-1, 3).astype(np.int64)
-    turned = normals(outline[triangles]) @ normal
-    triangles[turned < 0.0] = triangles[turned < 0.0][:, ::-1]
-    return triangles
+    for own, triangles in cut_polygons(points, index):
+        lines[numbers[own]] = b"\n".join(
+            b"f " + b" ".join(corners[own][corner] for corner in triangle) for triangle in triangles
+        )

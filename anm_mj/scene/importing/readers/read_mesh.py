@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -18,10 +19,12 @@ from anm_mj.scene.importing.bake_colours import bake_colours
 from anm_mj.scene.importing.readers.collada_check import even_collada
 from anm_mj.scene.importing.readers.gltf_file import even_gltf
 from anm_mj.scene.importing.readers.import_limits import check_textures
-from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, damaged
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport, MeshFacts, damaged
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
 from anm_mj.scene.importing.readers.obj_check import even_text
+from anm_mj.scene.importing.readers.obj_material import even_materials
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.ply_faces import even_ply
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, MeshNeighbours, TextureStore
 from anm_mj.scene.submesh import Submesh
 
@@ -69,13 +72,12 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
     store = TextureStore()
     try:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
-        neighbours = MeshNeighbours(src, report)
-        even = {".obj": even_text, ".dae": even_collada}.get(src.suffix.lower(), even_gltf)
-        content = io.BytesIO(even(src)) if facts.uneven else src
+        neighbours = MeshNeighbours(src, report, partial(even_materials, latin=facts.latin))
+        content = _even_content(src, facts)
         loaded = trimesh.load_scene(content, src.suffix[1:], process=False, resolver=neighbours)
         if facts.draco:
             _require_decoded(src, loaded)
-        placed = _placed_meshes(loaded, unit_m)
+        placed = _placed_meshes(loaded, unit_m, src.suffix.lower())
         pictures = {id(image): image.size for mesh in placed if (image := _picture(mesh)) is not None}
         check_textures(src, pictures.values(), MAX_TEXTURE_PX)
         submeshes = [replace(submesh, part=mesh.part) for mesh in placed for submesh in _submeshes_of(mesh, store)]
@@ -100,6 +102,17 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
             for submesh in submeshes
         ]
     return submeshes
+
+
+def _even_content(src: Path, facts: MeshFacts) -> io.BytesIO | Path:
+    """What the library is to read: the file, or what it holds as the library expects it."""
+    suffix, content = src.suffix.lower(), None
+    if suffix == ".ply":
+        content = even_ply(src)
+    elif facts.uneven:
+        even_obj = partial(even_text, unmapped=facts.unmapped, latin=facts.latin)
+        content = {".obj": even_obj, ".dae": even_collada}.get(suffix, even_gltf)(src)
+    return src if content is None else io.BytesIO(content)
 
 
 def _require_decoded(src: Path, scene: trimesh.Scene) -> None:
@@ -135,12 +148,14 @@ class _PlacedMesh(NamedTuple):
     vertices: Float64[np.ndarray, "v 3"]
     faces: Integer[np.ndarray, "f 3"]
     visual: Any
+    colours: Any = None
+    """Colours of its vertices beside a material, as stored; None without."""
 
 
-def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
+def _placed_meshes(scene: trimesh.Scene, unit_m: float, suffix: str) -> list[_PlacedMesh]:
     import trimesh
 
-    placed = []
+    placed, beside = [], _beside_materials(scene, suffix)
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         mesh = scene.geometry[name]
@@ -151,8 +166,26 @@ def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
         faces = np.asarray(mesh.faces, dtype=np.int64)
         if np.linalg.det(transform[:3, :3]) < 0.0:
             faces = faces[:, ::-1]
-        placed.append(_PlacedMesh(str(name), str(node).replace("/", "_"), vertices * unit_m, faces, mesh.visual))
+        colours = getattr(mesh.visual, "vertex_attributes", {}).get("color")
+        # In the order of the vertices, which those of a PLY file with texture coordinates do not keep.
+        colours = mesh.vertex_attributes.get("color") if colours is None and beside else colours
+        part = str(node).replace("/", "_")
+        placed.append(_PlacedMesh(str(name), part, vertices * unit_m, faces, mesh.visual, colours))
     return placed
+
+
+def _beside_materials(scene: trimesh.Scene, suffix: str) -> bool:
+    """Whether a file has colours of vertices beside its materials that say more than these: some exporters write the
+    same colour for every vertex.
+    """
+    import trimesh
+
+    if suffix not in (".obj", ".dae"):
+        return False
+    meshes = [mesh for mesh in scene.geometry.values() if isinstance(mesh, trimesh.Trimesh)]
+    stored = [colours for mesh in meshes if (colours := mesh.vertex_attributes.get("color")) is not None]
+    read = [_rgb8(colours) for colours in stored if len(colours)]
+    return any((colours != read[0][0]).any() for colours in read)
 
 
 def _picture(mesh: _PlacedMesh) -> Image.Image | None:
@@ -160,7 +193,7 @@ def _picture(mesh: _PlacedMesh) -> Image.Image | None:
 
 
 def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
-    name, _, vertices, faces, visual = mesh
+    name, _, vertices, faces, visual, _ = mesh
     if not np.isfinite(vertices).all():
         bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
         raise SceneError(f"Mesh {name!r} has {bad} vertices with NaN or infinite coordinates: repair it.")
@@ -175,7 +208,7 @@ def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
 
 def _textured_submeshes(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
     """Submeshes of a mesh with a material: texture times factor, else vertex colours times factor, else the factor."""
-    name, _, vertices, faces, visual = mesh
+    name, _, vertices, faces, visual, colours = mesh
     image, factor = _material(visual.material)
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, dtype=np.float64)[:, :2])
     if uv is not None and len(uv) != len(vertices):
@@ -183,7 +216,6 @@ def _textured_submeshes(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]
     rgb = (float(factor[0]), float(factor[1]), float(factor[2]))
     if image is not None and uv is not None:
         return [Submesh(name, vertices, faces, rgb, uv, store.texture(image))]
-    colours = getattr(visual, "vertex_attributes", {}).get("color")
     if colours is None or len(colours) != len(vertices):
         # Texture coordinates without a texture are kept for a world that brings the texture.
         return [Submesh(name, vertices, faces, rgb, uv)]

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_limits import check_includes
 from anm_mj.scene.importing.readers.import_report import NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import XACRO, Places, expanded, find_uri, model_file, uri_name
 from anm_mj.scene.importing.readers.sdf_pose import FRAMED, Scope, is_true, relative_to, text_of
@@ -55,6 +56,8 @@ class _Includes:
     _places: Places
     _report: ImportReport
     models: set[str] = field(default_factory=set)
+    _number: int = 0
+    """Includes so far: a few models that include one another may make any number."""
 
     def expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
         """Put the model that an <include> names in its place, and mark models with the folder they came from."""
@@ -70,6 +73,8 @@ class _Includes:
                 self.expand(child, inner, folder, depth + 1)
 
     def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
+        self._number += 1
+        check_includes(self._file, self._number)
         at = list(parent).index(include)
         parent.remove(include)
         uri = text_of(include, "uri")

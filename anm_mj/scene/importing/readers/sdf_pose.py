@@ -36,6 +36,16 @@ def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) 
     return values[:count]
 
 
+def end_of_range(element: ET.Element | None) -> float:
+    """The number in an element that ends a range: infinite where it has no end, NaN where there is no element. Raises
+    SceneError for text.
+    """
+    text = "" if element is None else (element.text or "").strip()
+    if text.lower().lstrip("+-") in ("inf", "infinity"):
+        return float(text)
+    return numbers(element, 1, (math.nan,))[0]
+
+
 def text_of(element: ET.Element, path: str) -> str:
     """The text of the first such element within another; empty where there is none."""
     return (element.findtext(path) or "").strip()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
@@ -32,6 +33,7 @@ MAX_TEXELS = 128 * 1024 * 1024
 _MIN_SIDE_PX = 64
 
 MISSING = "Not found: {names}; surfaces that need them come out plain."
+TRANSFORMED = "Texture transforms are not applied, so the textures of {names} may come out shifted or scaled."
 UNDECODABLE = "These pictures cannot be decoded: {names}; surfaces that need them come out plain."
 
 
@@ -47,6 +49,12 @@ def find_texture(name: str, folder: Path) -> Path | None:
     places += [folder.parent / below / last for below in ("materials/textures", "textures", "materials", "meshes")]
     own = folder.resolve().parent
     return next((place for place in places if os.path.isfile(place) and is_below(place, own)), None) if last else None
+
+
+def files_of_words(name: str, folder: Path) -> list[Path | None]:
+    """The files that a line of an OBJ file means, which may name several material files; None for each one missing."""
+    whole = find_texture(name, folder)
+    return [find_texture(word, folder) for word in name.split()] if whole is None else [whole]
 
 
 def is_decodable(picture: bytes) -> bool:
@@ -153,8 +161,10 @@ class MeshNeighbours(FilePathResolver):
     models keep their textures.
     """
 
-    def __init__(self, mesh: Path, report: ImportReport) -> None:
+    def __init__(self, mesh: Path, report: ImportReport, even: Callable[[bytes], bytes] = bytes) -> None:
+        """``even`` writes a material file as the library expects it."""
         super().__init__(str(mesh), allow_anywhere=True)
+        self._even = even
         self._mesh = mesh
         self._folder = mesh.absolute().parent
         self._report = report
@@ -163,9 +173,7 @@ class MeshNeighbours(FilePathResolver):
 
     def get(self, name: str) -> bytes:
         """Bytes of a named file. Raises OSError if it cannot be read, and ValueError if it is too large."""
-        whole = find_texture(name, self._folder)
-        # A line of an OBJ file may name several material files.
-        paths = [find_texture(word, self._folder) for word in name.split()] if whole is None else [whole]
+        paths = files_of_words(name, self._folder)
         found = [path for path in paths if path is not None]
         if not found or len(found) < len(paths):
             self.missed = True
@@ -173,15 +181,16 @@ class MeshNeighbours(FilePathResolver):
             raise FileNotFoundError(name)
         content = b"\n".join(read_bytes(path, MAX_MESH_MIB) for path in found)
         # The library would leave it out without a word; pictures of glTF files are looked at before.
-        is_picture = found[0].suffix.lower() != ".mtl" and self._mesh.suffix.lower() not in (".glb", ".gltf")
-        if is_picture and not is_decodable(content):
+        if found[0].suffix.lower() == ".mtl":
+            return self._even(content)
+        if self._mesh.suffix.lower() not in (".glb", ".gltf") and not is_decodable(content):
             self.missed = True
             self._report.add(UNDECODABLE, f"{found[0].name} of {self._mesh.name}")
         return content
 
     def namespaced(self, namespace: str) -> MeshNeighbours:
         """The same for the files of a subfolder."""
-        return MeshNeighbours(self._folder / namespace / "_", self._report)
+        return MeshNeighbours(self._folder / namespace / "_", self._report, self._even)
 
 
 class TextureStore:

@@ -1,4 +1,5 @@
 import math
+import re
 import sys
 import tomllib
 from types import SimpleNamespace
@@ -9,6 +10,8 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.gazebo import read_gazebo
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.source_formats import find_format
 from tests.scene.furnished import looks_at_the_poster, poster
 from tests.scene.importing.readers.gazebo_worlds import (
@@ -322,4 +325,50 @@ def test_macros_are_expanded_where_xacro_is_installed(tmp_path, monkeypatch):
     assert len(read_parts(src)[0]) == 5
     monkeypatch.setitem(sys.modules, "xacro", SimpleNamespace(process_file=lambda path: {}["wall"]))
     with pytest.raises(SceneError, match=r"cannot be expanded \('wall'\)"):
+        read_parts(src)
+
+
+@pytest.mark.parametrize("limit", ["inf", "+Infinity", "1e16"])
+def test_a_joint_without_an_end_is_unlimited(tmp_path, limit):
+    joint = (
+        "<joint name='j' type='revolute'><parent>world</parent><child>l</child><axis><xyz>0 0 1</xyz>"
+        f"<limit><lower>-{limit.lstrip('+')}</lower><upper>{limit}</upper></limit></axis></joint></model>"
+    )
+    src = write_world(tmp_path / "w.sdf", GROUND + box("door").replace("</model>", joint))
+    assert read_gazebo(src, [], ImportReport()).joints["door/l"].limits is None
+    src.write_text(src.read_text().replace(f"<upper>{limit}", "<upper>nan"))
+    with pytest.raises(SceneError, match="<upper>nan</upper> should hold 1 numbers"):
+        read_parts(src)
+
+
+def test_a_world_in_map_coordinates_is_moved_to_the_origin(tmp_path):
+    def far(text):
+        return re.sub(r"</?model[^>]*><pose>(\S+) (\S+)", _moved, text)
+
+    def _moved(found):
+        x, y = float(found[1]) + 500_000.0, float(found[2]) + 4_000_000.0
+        return found[0].replace(f"{found[1]} {found[2]}", f"{x} {y}")
+
+    fallen = box("fallen", "<pose>500000 4000000 -7.6e8 0 0 0</pose>")
+    src = write_world(tmp_path / "w.world", far(ROOM) + fallen)
+    parts, said = read_parts(src)
+    assert said[0] == "Left out, because they lie more than 1 km away: fallen."
+    assert np.allclose(bounds_of(parts), [[499_999.9, 3_999_999.9, 0.0], [500_006.1, 4_000_004.1, 2.5]])
+    assert any(np.ptp(part.vertices_m[:, 2]) == 0.0 for part in parts)
+    scene = import_scene(src, tmp_path / "out")
+    assert np.allclose(np.ptp(scene.bounds_m, axis=0), [6.2, 4.2, 2.5], atol=1e-3)
+    assert tomllib.loads((scene.folder / "scene.toml").read_text())["origin"][:2] == pytest.approx(
+        [500_003.0, 4_000_002.0], abs=5.0
+    )
+
+
+def test_a_world_of_which_most_has_fallen_stays_where_it_is(tmp_path):
+    fallen = "".join(box(f"b{k}", f"<pose>0 0 -{k}e5 0 0 0</pose>") for k in range(1, 6))
+    parts, _ = read_parts(write_world(tmp_path / "w.world", box("a", "<pose>3 0 1.5 0 0 0</pose>") + fallen))
+    assert [part.part for part in parts][:1] == ["a/l"]
+
+
+def test_a_world_without_anything_says_what_was_left_out(tmp_path):
+    src = write_world(tmp_path / "w.world", "<include><uri>model://cat</uri></include>")
+    with pytest.raises(SceneError, match=r"nothing that can be drawn: .*\. Not found: the models cat, which"):
         read_parts(src)

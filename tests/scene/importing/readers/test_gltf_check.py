@@ -188,3 +188,15 @@ def test_a_texture_without_a_picture_that_is_read_is_reported(tmp_path):
     report = ImportReport()
     read_mesh(write_gltf(tmp_path / "a.gltf", paint), report)
     assert "texture 0 of a.gltf" in report.sentences()[0]
+
+
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+@pytest.mark.parametrize("camera", [{"mesh": 0, "translation": [1, 0, 0]}, {"children": [1], "translation": [1, 0, 0]}])
+def test_a_mesh_at_or_below_a_camera_stands_where_it_should(tmp_path, kind, camera):
+    def film(header):
+        numbers = {"yfov": 1, "znear": 0.1, "aspectRatio": 1} if kind == "perspective" else {"xmag": 1, "ymag": 1}
+        header["cameras"] = [{"type": kind, kind: numbers}]
+        header["nodes"] = [{"name": "cam", "camera": 0, **camera}, {"name": "kid", "mesh": 0}]
+
+    (submesh,) = read_mesh(write_gltf(tmp_path / "a.gltf", film), ImportReport())
+    assert np.allclose(submesh.vertices_m, CORNERS + np.array([1, 0, 0]))

@@ -83,6 +83,25 @@ def test_an_object_stands_by_its_origin_or_by_its_middle(tmp_path):
     assert np.allclose(_one(tmp_path / "b", **at), [[9.5, -0.5, -0.5], [10.5, 0.5, 0.5]], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("stated", "low"),
+    [
+        ([0.0, 0.0, 0.0], (10, 0, -2)),
+        ([1.0, 0.5, 0.25], (8, -1, -2.5)),
+        ([1.0, 2.0], (9, -1, -1)),
+        ("1 2 3", (9, -1, -1)),
+    ],
+)
+def test_an_object_stands_by_the_centre_of_mass_that_its_template_states(tmp_path, stated, low):
+    instance = {"template_name": "cube", "translation": [10.0, 0.0, 0.0], "uniform_scale": 2.0}
+    src = _replica_cad(tmp_path, {"stage_instance": None, "object_instances": [instance]})
+    config = {"render_asset": "../../objects/cube.glb", "COM": stated}
+    _write(tmp_path / "configs" / "objects" / "cube.object_config.json", config)
+    bounds = _bounds(read_scene_instance(DATASETS[1], src, [], ImportReport()).submeshes)
+    # The cube reaches from 0 to 2 along x and y and to -2 along z.
+    assert np.allclose(bounds, [low, np.add(low, 2.0)], atol=1e-6)
+
+
 def test_rotations_have_w_first_and_scales_apply_before_them(tmp_path):
     half = np.sqrt(0.5)
     bounds = _one(

@@ -6,6 +6,7 @@ from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers import import_limits as limits
 from anm_mj.scene.importing.readers.import_limits import LimitError
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
 from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
@@ -232,3 +233,10 @@ def test_an_stl_file_of_another_length_than_it_states_says_so(tmp_path, content,
     (tmp_path / "a.stl").write_bytes(content)
     with pytest.raises(SceneError, match=said):
         read_mesh(tmp_path / "a.stl", ImportReport())
+
+
+def test_the_triangles_of_an_stl_file_are_counted_before_they_are_read(tmp_path, monkeypatch):
+    (tmp_path / "a.stl").write_bytes(bytes(80) + b"\3\0\0\0" + bytes(3 * 50))
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 2)
+    with pytest.raises(LimitError, match="has 3 triangles"):
+        check_mesh_file(tmp_path / "a.stl", ImportReport())

@@ -3,7 +3,10 @@ import pytest
 from PIL import Image
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers import import_limits as limits
+from anm_mj.scene.importing.readers.import_limits import LimitError
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.obj_check import check_obj
 from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.submesh import merge_geometry
 
@@ -87,3 +90,41 @@ def test_a_picture_of_16_bits_keeps_its_grey(tmp_path):
     Image.fromarray(np.full((8, 8), 40000, dtype=np.uint16)).save(tmp_path / "wall.png")
     submesh, _ = _painted(tmp_path, "wall.png")
     assert np.abs(submesh.texture.astype(int) - 156).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("mapped", "plain"), [("{0}/{0}", "{0}//{0}"), ("{0}/{0}", "{0}"), ("{0}/{0}/{0}", "{0}//{0}"), ("-3/-3", "-1")]
+)
+@pytest.mark.parametrize(("depth", "note"), [("", ""), (" 0", " # 1/1")])
+def test_a_texture_stays_where_some_faces_of_its_material_have_no_coordinates(tmp_path, mapped, plain, depth, note):
+    Image.new("RGB", (8, 8), (10, 200, 10)).save(tmp_path / "wall.png")
+    (tmp_path / "a.mtl").write_text("newmtl wall\nmap_Kd wall.png\nnewmtl floor\nKd 1 0 0\n")
+    corners = _vertices([*np.eye(3), *np.eye(3) + 1])
+    uv = "".join(f"vt {x} 0.5{depth}\n" for x in (0.25, 0.5, 0.75)) + "vn 0 0 1\n" * 6
+
+    def face(corner, first, note=""):
+        return "f " + " ".join(corner.format(first + k) for k in range(3)) + note + "\n"
+
+    faces = face(mapped, 1) + "usemtl floor\n" + face(plain, 4) + "usemtl wall\n" + face(plain, 4, note)
+    if mapped.startswith("-"):
+        faces = "f -6/-3 -5/-2 -4/-1\nusemtl floor\nf -3 -2 -1\nusemtl wall\nf -3 -2 -1\n"
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{corners}{uv}usemtl wall\n{faces}")
+    floor, wall = sorted(read_mesh(tmp_path / "a.obj", ImportReport()), key=lambda own: own.texture is not None)
+    assert floor.uv is None
+    assert np.allclose(floor.vertices_m[floor.faces], np.eye(3) + 1)
+    assert wall.texture is not None
+    assert wall.uv is not None
+    own = wall.faces[np.isclose(wall.vertices_m[wall.faces].sum(axis=(1, 2)), 3.0)]
+    assert np.allclose(np.sort(wall.uv[own][..., 0]), [[0.25, 0.5, 0.75]])
+    other = wall.faces[np.isclose(wall.vertices_m[wall.faces].sum(axis=(1, 2)), 12.0)]
+    assert np.allclose(wall.uv[other], 0.0)
+
+
+def test_triangles_are_counted_and_materials_once_each_before_they_are_read(tmp_path, monkeypatch):
+    text = _vertices([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) + "usemtl a\nf 1 2 3 4\nusemtl b\nf 1 2 3\n" * 3
+    (tmp_path / "a.obj").write_text(text)
+    monkeypatch.setattr(limits, "MAX_PARTS", 2)
+    assert sum(len(own.faces) for own in read_mesh(tmp_path / "a.obj", ImportReport())) == 9
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 8)
+    with pytest.raises(LimitError, match="has 9 triangles"):
+        check_obj(tmp_path / "a.obj", ImportReport())

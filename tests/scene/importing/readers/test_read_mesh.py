@@ -9,6 +9,7 @@ from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.read_mesh import read_mesh, usual_up
 from tests.scene.furnished import BOUNDS_M, furnished, looks_at_the_poster, write_glb, write_obj
 from tests.scene.glb import patch_glb
+from tests.scene.importing.readers.collada import collada, geometry
 from tests.scene.shapes import to_y_up
 from tests.scene.view import is_shade_of, look
 
@@ -120,3 +121,51 @@ def test_a_picture_that_cannot_be_decoded_is_survived(tmp_path):
     src = write_obj(tmp_path / "a.obj")
     (tmp_path / "picture.jpg").write_bytes(b"no picture")
     assert import_scene(src, tmp_path / "out", up="z").num_triangles > 0
+
+
+def _coloured(folder, suffix, colours, diffuse):
+    """A square of corners of ``colours`` and a material of a diffuse colour."""
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    if suffix == "obj":
+        (folder / "a.mtl").write_text(f"newmtl m\nKd {diffuse}\n")
+        rows = "".join(f"v {x} {y} {z} {colour}\n" for (x, y, z), colour in zip(points, colours, strict=True))
+        (folder / "a.obj").write_text(f"mtllib a.mtl\n{rows}usemtl m\nf 1 2 3\nf 1 3 4\n")
+    else:
+        colour = '<input offset="0" semantic="COLOR" source="#cp"/>'
+        surface = f'<triangles material="m" count="2">VERTEX{colour}<p>0 1 2 0 2 3</p></triangles>'
+        source = (
+            f'<source id="cp"><float_array id="ca" count="12">{" ".join(colours)}</float_array><technique_common>'
+            '<accessor source="#ca" count="4" stride="3"><param name="R" type="float"/><param name="G" type="float"/>'
+            '<param name="B" type="float"/></accessor></technique_common></source><vertices'
+        )
+        text = collada(geometry("g", points, [surface]).replace("<vertices", source), [("node", "g")])
+        material = (
+            '<library_effects><effect id="e"><profile_COMMON><technique sid="c"><lambert><diffuse><color>'
+            f"{diffuse} 1</color></diffuse></lambert></technique></profile_COMMON></effect></library_effects>"
+            '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
+            "<library_geometries>"
+        )
+        bound = (
+            '<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="m" target="#m"/>'
+            "</technique_common></bind_material></instance_geometry>"
+        )
+        text = text.replace('<instance_geometry url="#g"/>', bound).replace("<library_geometries>", material)
+        (folder / "a.dae").write_text(text)
+    (part,) = read_mesh(folder / f"a.{suffix}", ImportReport())
+    return part
+
+
+@pytest.mark.parametrize("suffix", ["obj", "dae"])
+def test_colours_of_vertices_show_through_a_plain_material(tmp_path, suffix):
+    part = _coloured(tmp_path, suffix, ["1 0 0", "1 0 0", "0 1 0", "0 1 0"], "1 0.5 1")
+    assert part.texture is not None
+    # Those of the vertices times that of the material.
+    for rgb in ((255, 0, 0), (0, 128, 0)):
+        assert (part.texture == rgb).all(axis=-1).any()
+
+
+@pytest.mark.parametrize("suffix", ["obj", "dae"])
+def test_a_material_keeps_its_colour_where_every_vertex_has_the_same(tmp_path, suffix):
+    part = _coloured(tmp_path, suffix, ["0.5 0.5 0.5"] * 4, "1 0 0")
+    assert part.texture is None
+    assert part.rgb == (1.0, 0.0, 0.0)
