@@ -19,7 +19,6 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
-from anm_mj.errors import RunFolderError
 from anm_mj.export import formats
 from anm_mj.export.figures import topdown_of
 from anm_mj.export.formats import FORMATS, export_run
@@ -347,26 +346,6 @@ def test_times_of_a_recording(run, run_folder, tmp_path, capsys):
     for given, why in (("noon", "is no time"), ("2040-01-01", "from 1970 to 2037"), ("-5", "from 1970 to 2037")):
         assert main([*words, given]) == 2
         assert why in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_folder_that_no_export_wrote_is_not_replaced(run, tmp_path):
-    folder = tmp_path / "rosbag"
-    for name in ("rosbag_0.mcap", "notes.txt"):
-        folder.mkdir()
-        (folder / "metadata.yaml").touch()
-        (folder / name).write_text("mine")
-        with pytest.raises(RunFolderError, match=f"holds {name}, which no export writes"):
-            export_rosbag(run, tmp_path)
-        assert (folder / name).read_text() == "mine"
-        shutil.rmtree(folder)
-    folder.symlink_to(tmp_path)
-    with pytest.raises(RunFolderError, match="no folder of an export"):
-        export_rosbag(run, tmp_path)
-    folder.unlink()
-    export_rosbag(run, tmp_path)
-    export_rosbag(run, tmp_path)
-    assert {path.name for path in folder.iterdir()} == {"metadata.yaml", "rosbag.mcap"}
-    assert [path.name for path in tmp_path.iterdir()] == ["rosbag"]
 
 
 def test_a_bag_of_ours_is_a_sequence_again(run, out):
