@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,29 +21,23 @@ from anm_mj.io.sequence import Sequence
 from anm_mj.io.sequence_poses import base_pose, camera_line
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
-from anm_mj.localisation.coarse_search import level
+from anm_mj.localisation.coarse_search import distinct_tilts
 from anm_mj.localisation.field_localiser import FieldLocaliser
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
-from anm_mj.localisation.se3 import camera_motion
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.types import Observation
 from anm_mj.utils.files import write_text
 
 POSES, TABLE = "poses.tum", "poses.json"
 """Files of the folder that is written."""
 _MOST_TILTS = 8
 """So many heights and tilts of the map's own camera are tried at most."""
-_SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
-"""Tilts that are nearer to each other are one."""
 _REASONS = {
     True: "looked for in the whole map: no place fits well, or several do, the image measures too little, or too few "
     "images follow",
     False: "tracked from the images before: the map does not show this there, or does not tell the pose well enough",
 }
 """Why an image was not found, by whether it was looked for in the whole map."""
-_MOST_WAITING = 200
-"""Images before the first that was found which are looked at again, from there backwards."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +61,9 @@ class ImagePose:
 
     @classmethod
     def of(cls, estimate: PoseEstimate, *, searched: bool = False) -> ImagePose:
-        """The pose of a frame, where it was found well enough."""
+        """The pose of a frame, where the map, or the images before, told it well enough."""
         seen, quality = estimate.observation, estimate.quality
-        if not estimate.usable:
+        if not estimate.usable or estimate.guessed:
             return cls(seen.step, seen.time_s, None, searched)
         deviations = estimate.position_deviation_m, estimate.rotation_deviation_rad
         fit = quality.known, quality.inliers
@@ -84,15 +76,17 @@ def localise_images(
     config: RunConfig,
     *,
     single: bool = False,
-    on_image: Callable[[int, int], object] = lambda done, total: None,
+    on_image: Callable[[int, int], bool | None] = lambda done, total: None,
+    poses: list[ImagePose] | None = None,
 ) -> list[ImagePose]:
     """The poses of images, whose own are not used, in the map of the run in a folder.
 
     The first is looked for in the whole map, the others are tracked from image to image; what comes before the first
     that was found is tracked backwards from it. If they are ``single``, as they do not follow one another, each is
     looked for on its own. Of the configuration ``localisation``, ``seed`` and ``device`` count; ``on_image`` is called
-    with images done and in all. Raises RunFolderError if the folder is no run, or an image is missing or damaged, and
-    MapError if its map cannot be read, or its engine cannot localise.
+    with images done and in all, and ends the search where it returns True. ``poses`` is the list to fill: after an
+    error it holds what was found before. Raises RunFolderError if the folder is no run, or too many images are missing
+    or damaged, and MapError if its map cannot be read, or its engine cannot localise.
     """
     run = read_run(path)
     neural_map = NeuralMap.load(run.folder.map, device=config.device)
@@ -116,10 +110,9 @@ def localise_images(
     finding = replace(settings.relocalisation, frames=min(settings.relocalisation.frames, most))
     settings = replace(settings, relocalisation=finding)
     tracker = localiser(settings)
-    poses: list[ImagePose] = []
-    # Tracked backwards, by step.
-    found: dict[int, ImagePose] = {}
-    waiting: list[Observation] = []
+    poses = [] if poses is None else poses
+    # Places in the list of what was not found since the last that was. Their images are read again.
+    waiting: list[int] = []
     for seen in images.observations():
         if single:
             tracker = localiser(settings)
@@ -129,15 +122,21 @@ def localise_images(
         if estimate.relocalised:
             back = localiser(settings, lost=False)
             back.localise(estimate.observation)
-            # Before the first one that does not fit, the images may show anything.
-            for before in itertools.takewhile(
-                lambda each: each.T_world_camera is not None,
-                (ImagePose.of(back.localise(each)) for each in reversed(waiting)),
-            ):
-                found[before.step] = before
-        waiting = [] if poses[-1].T_world_camera is not None or single else [*waiting, seen][-_MOST_WAITING:]
-        on_image(len(poses), len(images))
-    return [found.get(pose.step, pose) for pose in poses]
+            for place in reversed(waiting):
+                before = ImagePose.of(back.localise(images.observation(poses[place].step)))
+                # Before the first one that does not fit, the images may show anything.
+                if before.T_world_camera is None:
+                    break
+                poses[place] = before
+                if on_image(len(poses), len(images)):
+                    return poses
+        if poses[-1].T_world_camera is not None or single:
+            waiting.clear()
+        else:
+            waiting.append(len(poses) - 1)
+        if on_image(len(poses), len(images)):
+            break
+    return poses
 
 
 def why_not_found(poses: list[ImagePose]) -> dict[str, list[int]]:
@@ -181,15 +180,12 @@ def require_new(out: Path) -> None:
 
 
 def _tilts(run: Run) -> list[Float[np.ndarray, "4 4"]]:
-    """Heights and tilts that the map's own camera had, no two alike."""
-    kept: list[Float[np.ndarray, "4 4"]] = []
-    for frame in run.frames:
-        T = level(frame.T_world_camera)
-        changes = [camera_motion(other, T) for other in kept]
-        if all(np.linalg.norm(each[:3]) > _SAME_M or np.linalg.norm(each[3:]) > _SAME_RAD for each in changes):
-            kept.append(T)
-            if len(kept) == _MOST_TILTS:
-                break
+    """Heights and tilts that the map's own camera had most often, no two alike. Raises RunFolderError if no frame tells
+    one.
+    """
+    kept = distinct_tilts([frame.T_world_camera for frame in run.posed_frames])
     if not kept:
-        raise RunFolderError(f"{run.folder.path} holds no frame; give the folder of a finished run.")
-    return kept
+        raise RunFolderError(
+            f"{run.folder.path} holds no frame whose pose was known; give the folder of a finished run."
+        )
+    return kept[:_MOST_TILTS]

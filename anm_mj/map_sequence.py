@@ -21,6 +21,7 @@ from anm_mj.config import RunConfig
 from anm_mj.events import Decided, Ended, Observed, Observer
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.folder_hold import held
+from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.run_events import Mapped, Started
 from anm_mj.io.run_folder import RunFolder
@@ -36,6 +37,7 @@ from anm_mj.mapping_state import MappingState, facts_of, open_logs, stored_mappi
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, policy_class
+from anm_mj.recording.results import sync_results
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import frame_fit
@@ -139,6 +141,8 @@ def _map(
         reached = state.next_frame if interrupted else len(sequence)
         mapping.write(reached, verdict, reference, ended=ended)
         if ended:
+            # What stands for the checkpoints reaches the disk before they go.
+            sync_results(folder, mapping.log_paths)
             checkpointer.finish(state.next_frame, resumable=False)
         if failure is None and state.last is not None:
             reason = StopReason.INTERRUPTED if interrupted else StopReason.BUDGET
@@ -180,7 +184,8 @@ class _Mapping:
         """A folder that says what is mapped; arguments as of :func:`map_sequence`."""
         name = RECORDED if self._policy is None else self._config.policy
         folder = RunFolder.create(out, Path(self._config.scene).resolve().name, name)
-        said = replace(_facts(self._config, self._map, name), corrections=corrections)
+        said = _facts(self._config, self._map, name)
+        said = replace(said, corrections=corrections, origin_m=self._sequence.origin_m)
         write_json(folder.manifest, manifest(said, sys.argv))
         write_json(folder.config, self._config)
         return folder
@@ -194,7 +199,8 @@ class _Mapping:
         if stored is not None:
             say_other_engine(stored, self._map.backend.name)
             self._begin -= float(stored.facts["wall_s"])
-        self._log, self._cameras = open_logs(folder, self._config, stored, tracks=self._tracker is not None)
+        tracks = self._tracker is not None
+        self._log, self._cameras = open_logs(folder, self._config, goes_on=stored is not None, tracks=tracks)
         parts = {
             "mapper": self._map,
             "log": self._log,
@@ -203,12 +209,17 @@ class _Mapping:
             "policy": self._policy,
         }
         roots = {name: part for name, part in parts.items() if part is not None}
-        known = KnownClasses(policy_class(self._config.policy).__module__)
+        known, store = KnownClasses(policy_class(self._config.policy).__module__), CheckpointStore(folder.checkpoints)
         if stored is not None:
             lay_over(stored, roots, known)
+            # Only here is anything in the folder changed.
+            self._log.cut(sizes := stored.facts["files"], stored.step)
+            for file in self._cameras:
+                file.cut(sizes.get(file.path.name, 0))
+            store.drop_after(stored.step)
             folder.drop_results()
         self.checkpointer = Checkpointer(
-            CheckpointStore(folder.checkpoints),
+            store,
             self._config.checkpoint,
             lambda: roots,
             self._facts_and_files,
@@ -221,14 +232,23 @@ class _Mapping:
         """Time since the start of the mapping, without what lay between two parts of it [s]."""
         return time.perf_counter() - self._begin
 
+    @property
+    def log_paths(self) -> list[Path]:
+        """All logs."""
+        return [file.path for file in self._files]
+
+    @property
+    def _files(self) -> list[LineWriter]:
+        return [*self._log.files, *self._cameras]
+
     def _facts_and_files(self) -> tuple[dict[str, Any], list[Path]]:
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
-        files = [*self._log.files, *self._cameras]
+        files = self._files
         engine = self._map.backend.name
         said = facts_of(self._sequence, self._config, self._options, engine, files, self.wall_s)
         since = self.checkpointer.synced_step
         new = [self.folder.depth(record.step) for record in self.state.records if record.step >= since]
-        return said, [*(file.path for file in files), *new]
+        return said, [*self.log_paths, *new]
 
     def map_frame(self, observation: Observation, tell: Callable[[object], bool]) -> bool:
         """Take in the next frame, and tell observers; whether one of them wants the mapping to end."""

@@ -69,7 +69,7 @@ def tracking_metrics(records: list[FrameRecord], reference: Track | None, watch:
         warn_of_assumed_times([record.time_s for record in records], reference)
         error = reference_error(records, reference)
         if error is None:
-            _logger.warning("%s has fewer than 3 poses at the times of the frames.", reference.name)
+            _logger.warning("%s has fewer than 3 poses at the times of the frames (--max-gap).", reference.name)
         else:
             metrics |= asdict(error)
     return metrics

@@ -1,18 +1,27 @@
 """Images are found in the map of a finished run."""
 
+import gc
 import json
 import math
+import shutil
+import signal
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from anm_mj.cli import console
 from anm_mj.cli.main import main
+from anm_mj.config import make_config
 from anm_mj.frames import pose_matrix
 from anm_mj.io.own_sequence import SequenceWriter
+from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.localisation.floor_plane import pose_above_floor
-from anm_mj.types import Pose2
+from anm_mj.localisation.relocaliser import Relocaliser
+from anm_mj.localise_images import localise_images
+from anm_mj.types import Observation, Pose2
 from tests.mapping.ray_room import TABLE, Room
 
 pytestmark = pytest.mark.usefixtures("quick_results")
@@ -92,6 +101,45 @@ def test_what_the_map_does_not_show_is_not_found(mapped, tmp_path, capsys):
     assert (tmp_path / "out" / "poses.tum").read_text() == ""
     assert json.loads((tmp_path / "out" / "poses.json").read_text())["found"] == 0
     assert all(pose["searched"] for pose in json.loads((tmp_path / "out" / "poses.json").read_text())["poses"])
+
+
+def test_what_was_found_before_an_error_is_written(mapped, images, tmp_path, capsys):
+    folder, out = tmp_path / "others", tmp_path / "out"
+    shutil.copytree(images, folder)
+    for step in range(9, 12):
+        (folder / "rgb" / f"{step:06d}.png").write_bytes(b"")
+    assert main(["localise", str(mapped), str(folder), "--out", str(out)]) == 2
+    told = " ".join("".join(capsys.readouterr()).split())
+    assert "3 of 12 frames of" in told
+    assert f"Localisation ended after 9 of 12 images; {out} holds the poses up to there." in told
+    assert json.loads((out / "poses.json").read_text())["found"] == 9
+    assert len((out / "poses.tum").read_text().splitlines()) == 9
+
+
+def test_what_was_found_before_an_interruption_is_written(mapped, images, tmp_path, capsys, monkeypatch):
+    @contextmanager
+    def bar(*_):
+        yield lambda done, total: signal.raise_signal(signal.SIGINT) if done == 8 else None
+
+    monkeypatch.setattr(console, "progress_bar", bar)
+    assert localised(mapped, images, tmp_path / "out")["frames"] == 8
+    assert "Localisation ended after 8 of 12 images" in " ".join(capsys.readouterr().err.split())
+    assert len((tmp_path / "out" / "poses.tum").read_text().splitlines()) == 8
+
+
+def test_images_that_wait_for_a_place_take_no_memory(mapped, images, tmp_path, monkeypatch):
+    """They are read again once a place is found."""
+    monkeypatch.setattr(Relocaliser, "look", lambda *_: None)
+    sequence, _ = open_sequence(images, SequenceOptions(needs_poses=False, ignores_poses=True))
+    config = make_config("quick", [], scene=str(images), pose="slam")
+    alive = []
+
+    def count(*_):
+        gc.collect()
+        alive.append(sum(isinstance(one, Observation) for one in gc.get_objects()))
+
+    assert all(pose.T_world_camera is None for pose in localise_images(mapped, sequence, config, on_image=count))
+    assert alive[-1] <= alive[2]
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,20 @@ def test_the_mesh_is_the_room(mapped):
     assert (vertices.max(axis=0) > ROOM_HIGH_M - 0.1).all()
 
 
+def test_poses_in_a_national_grid_give_the_same_mesh_near_the_origin(sequence, mapped, tmp_path, capsys):
+    folder, out = tmp_path / "walk", tmp_path / "out"
+    shutil.copytree(sequence, folder)
+    lines = [line.split() for line in (folder / "poses.tum").read_text().splitlines()]
+    far = [(t, float(x) + 530_000.0, float(y) + 180_000.0, *rest) for t, x, y, *rest in lines]
+    (folder / "poses.tum").write_text("".join(" ".join(map(str, line)) + "\n" for line in far))
+    assert main(["map", str(folder), "--out", str(out), "--preset", "quick"]) == 0
+    assert "560 km from the origin" in " ".join(capsys.readouterr().err.split())
+    assert json.loads((out / "manifest.json").read_text())["origin_m"] == [530_000.0, 180_000.0, 0.0]
+    assert json.loads((mapped / "manifest.json").read_text())["origin_m"] == [0.0, 0.0, 0.0]
+    vertices = np.asarray(trimesh.load_mesh(out / "mesh.ply").vertices)
+    assert np.abs(np.minimum(vertices - ROOM_LOW_M, ROOM_HIGH_M - vertices)).min(axis=1).mean() < 0.03
+
+
 def test_the_planner_decides_at_every_frame(mapped):
     plans = read_jsonl(mapped / "plans.jsonl")
     assert [plan["step"] for plan in plans] == list(range(16))

@@ -205,3 +205,12 @@ def test_a_distortion_that_cannot_be_is_one_sentence(tmp_path, capsys, words):
     folder = write(tmp_path / "walk")
     assert main(["map", str(folder), "--track", "--out", str(tmp_path / "out"), "--distortion", words]) == 2
     assert "--distortion is" in said(capsys)
+
+
+def test_a_reference_of_few_poses_is_interpolated_across_the_gap_that_is_given(tmp_path):
+    folder = write(tmp_path / "walk", poses=range(FRAMES))
+    reference = tmp_path / "reference.tum"
+    lines = reference.read_text().splitlines()
+    reference.write_text(f"{lines[0]}\n{lines[-1]}\n")
+    words = ["--every", "5", "--floor", "0", "--reference", str(reference), "--max-gap", "1.5"]
+    assert track(folder, tmp_path / "out", *words)["ate_rmse_cm"] < 10.0

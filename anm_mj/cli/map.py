@@ -89,7 +89,7 @@ def map_recorded(
         colour_offset: added to the times of colour images to find their depth
         fix: apply what the check of the sequence finds
         match: colour and depth with times of their own belong together up to this difference
-        max_gap: poses with times of their own are interpolated between two that lie no farther apart
+        max_gap: poses with times of their own, or of the reference, are interpolated between two no farther apart
         max_bad: largest share of frames that may be left out because they cannot be used
         every: read every Nth frame only
         track: find the poses by localisation in the map; those of the sequence, if any, are a prior
@@ -127,7 +127,7 @@ def map_recorded(
     by_role = topics_by_role(topics)
     if reference is not None and not track:
         raise ConfigError("--reference is for poses that --track finds; give both, or none.")
-    measured = None if reference is None else read_reference(reference)
+    measured = None if reference is None else read_reference(reference, max_gap)
     # A camera that is held before a desk sees all of it again and again: closing loops brought nothing there.
     usual = [*["record.images=full"] * keep_images, *["localisation.graph.loops=false"] * track]
     settings = [*usual, *settings]

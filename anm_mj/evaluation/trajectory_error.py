@@ -18,11 +18,11 @@ from jaxtyping import Float, Float64
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import wrap_angle
-from anm_mj.io.bag_poses import Track
+from anm_mj.io.bag_poses import GAP_S, Track
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence import FRAME_S
 from anm_mj.io.sequence_poses import base_pose
-from anm_mj.utils.read_file import read_table
+from anm_mj.io.sequence_text import pose_rows
 
 _logger = logging.getLogger(__name__)
 
@@ -105,18 +105,18 @@ def of_all_frames(frames: Sequence[FrameRecord]) -> dict[str, Any]:
     }
 
 
-def read_reference(path: Path) -> Track:
-    """Camera poses of a TUM file, in a world of their own. Raises RunFolderError if it cannot be read as such."""
+def read_reference(path: Path, max_gap_s: float = GAP_S) -> Track:
+    """Camera poses of a TUM file, in a world of their own, read as those of a sequence are; they are interpolated
+    between two that lie no farther apart than ``max_gap_s`` [s]. Raises RunFolderError if the file cannot be read, or
+    holds no pose.
+    """
     try:
-        lines = read_table(path)
-        if lines.ndim != 2 or lines.shape[1] != 8 or not np.isfinite(lines).all():
-            raise ValueError("it needs eight numbers in every line: time, position, quaternion")
+        lines = pose_rows(path)
+        if not lines:
+            raise ValueError("no line holds a time, a position and a quaternion")
     except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read as poses in TUM format ({err}).") from err
-    track = Track(str(path))
-    for line in lines:
-        track.add(float(line[0]), line[1:])
-    return track
+    return Track(str(path), [float(line[0]) for line in lines], [line[1:] for line in lines], gap_s=max_gap_s)
 
 
 def warn_of_assumed_times(times_s: Sequence[float], reference: Track) -> None:

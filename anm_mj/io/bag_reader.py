@@ -31,9 +31,11 @@ class Stamp(NamedTuple):
     """Where a message lies in time."""
 
     time_s: float
-    """When it was made, as its header has it [s]."""
+    """When it was made, or is taken to have been [s]."""
     at_ns: int
     """When it was recorded [ns]."""
+    stated_s: float
+    """When it was made, as its header has it [s]."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class BagReader:
         stamps, frames = [], set()
         for _, at_ns, raw in self._raw(topic):
             time_s, frame = self._header(raw)
-            stamps.append(Stamp(time_s, at_ns))
+            stamps.append(Stamp(time_s, at_ns, time_s))
             frames.add(frame)
             require_count(len(stamps))
         if len(frames) > 1:
@@ -121,7 +123,7 @@ class BagReader:
             try:
                 for connection, _, raw in self._raw(topic, stamp.at_ns, stamp.at_ns + 1):
                     # Several may have been recorded at one time.
-                    if self._header(raw)[0] == stamp.time_s:
+                    if self._header(raw)[0] == stamp.stated_s:
                         return decode(self.reader.deserialize(raw, connection.msgtype))
             except Exception as err:
                 # Readers raise whatever the damaged bytes lead them to.

@@ -58,6 +58,9 @@ class RunFacts:
     ``frames`` of it and of those that it went on from. None for a run that began with nothing."""
     corrections: tuple[str, ...] = ()
     """Options that a check of the recorded sequence found, and ``--fix`` applied."""
+    origin_m: tuple[float, float, float] | None = None
+    """Where the origin of the run's world lies in that of the recorded sequence, turned so that z points up [m]. None
+    for a run of a robot."""
 
     @classmethod
     def unsimulated(

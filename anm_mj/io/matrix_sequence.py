@@ -8,10 +8,10 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.image import read_image
+from anm_mj.io.first_image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_below, require_count
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count
 from anm_mj.io.sequence_text import in_number_order, number_rows, rows
 from anm_mj.utils.read_file import convert
 
@@ -26,7 +26,7 @@ _LOG_NUMBERS = 19
 
 def read_seven_scenes(folder: Path) -> Sequence:
     """The frames ``frame-000000.color.png``, ``.depth.png`` and ``.pose.txt``. Raises OSError, ValueError or
-    RunFolderError if a pose or the first image is missing or damaged.
+    RunFolderError if a pose is damaged, or no depth image can be read.
     """
     named = {path.name.removesuffix(".depth.png"): path for path in folder.glob("frame-*.depth.png")}
     frames, left_out = _frames(
@@ -38,7 +38,7 @@ def read_seven_scenes(folder: Path) -> Sequence:
 
 def read_scannet(folder: Path) -> Sequence:
     """The frames ``color/0.jpg``, ``depth/0.png`` and ``pose/0.txt``, with ``intrinsic/intrinsic_depth.txt``. Raises
-    OSError, ValueError or RunFolderError if the camera, a pose or the first image is missing or damaged.
+    OSError, ValueError or RunFolderError if the camera or a pose is damaged, or no depth image can be read.
     """
     matrix = number_rows(folder / "intrinsic" / "intrinsic_depth.txt")
     if matrix.shape not in ((3, 3), (4, 4)):
@@ -125,8 +125,6 @@ def _matrix(path: Path) -> Float[np.ndarray, "4 4"]:
 
 
 def _size(folder: Path, frames: tuple[Frame, ...]) -> tuple[int, int]:
-    """Width and height of the first depth image [px]."""
-    require_below(folder, frames[:1])
-    first = frames[0].depth
-    height, width = read_image(first).shape if isinstance(first, Path) else (0, 0)
+    """Width and height of the first depth image that can be read [px]."""
+    height, width = first_shape(folder, (frame.depth for frame in frames))
     return width, height

@@ -10,10 +10,10 @@ from msgspec import Meta, Struct
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV
 from anm_mj.geometry.lens_distortion import EQUIDISTANT, LensDistortion
-from anm_mj.io.image import read_image
+from anm_mj.io.first_image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count, with_cameras
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count, with_cameras
 from anm_mj.io.sequence_text import in_number_order, with_slashes
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import convert
@@ -77,7 +77,7 @@ def read_nerfstudio(folder: Path) -> Sequence:
     keys = (*_CAMERA, "camera_angle_x")
     own = [key for key in keys if key not in facts and any(entry.get(key) is not None for entry in entries)]
     cameras = [
-        _camera(folder, facts | {key: entry.get(key) for key in own} if own else facts, frames[0])
+        _camera(folder, facts | {key: entry.get(key) for key in own} if own else facts, frames)
         for entry in (entries if own else entries[:1])
     ]
     camera, whole = with_cameras(frames, cameras) if own else (cameras[0], tuple(frames))
@@ -114,15 +114,14 @@ def _distortion(folder: Path, facts: dict[str, Any], model: str) -> LensDistorti
     return LensDistortion.of(name, [stated.get(key, 0.0) for key in keys])
 
 
-def _camera(folder: Path, facts: dict[str, Any], first: Frame) -> Intrinsics:
+def _camera(folder: Path, facts: dict[str, Any], frames: list[Frame]) -> Intrinsics:
     """The camera; size and centre where a field of view alone is stated, as by Blender and instant-ngp."""
     values = {key: facts.get(key) for key in _CAMERA}
     angle = facts.get("camera_angle_x")
     if angle is not None and None in values.values():
         if not (isinstance(angle, int | float) and 0.0 < angle < math.pi):
             raise ValueError(f"camera_angle_x is {angle!r}, which is no angle between 0 and pi")
-        require_below(folder, [first])
-        height, width = read_image(first.colour, "RGB").shape[:2] if isinstance(first.colour, Path) else (0, 0)
+        height, width = first_shape(folder, (frame.colour for frame in frames), "RGB")
         width, height = values["w"] or width, values["h"] or height
         focal = 0.5 * width / math.tan(0.5 * angle)
         assumed = {"w": width, "h": height, "fl_x": focal, "fl_y": focal, "cx": 0.5 * width, "cy": 0.5 * height}

@@ -11,22 +11,22 @@ import numpy as np
 from msgspec import Meta, Struct, defstruct
 
 from anm_mj.frames import T_GL_CV
-from anm_mj.io.image import read_image
+from anm_mj.io.first_image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
-from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_below, require_count, with_cameras
+from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count, with_cameras
 from anm_mj.io.sequence_poses import tum_matrix
 from anm_mj.io.sequence_text import in_number_order, number_rows, seconds
 from anm_mj.io.video_frames import VideoFrames, video_size
 from anm_mj.types import Intrinsics
-from anm_mj.utils.read_file import convert, read_npy
+from anm_mj.utils.read_file import convert
 
 _UNIT_M = 0.001
 
 
 def read_stray(folder: Path) -> Sequence:
     """Stray Scanner: ``odometry.csv``, ``camera_matrix.csv``, ``depth/``, ``confidence/``, ``rgb/`` or ``rgb.mp4``.
-    Raises OSError, ValueError or RunFolderError if a table, the first depth image or the video is missing or damaged.
+    Raises OSError, ValueError or RunFolderError if a table or the video is missing or damaged, or no image can be read.
     """
     lines = number_rows(folder / "odometry.csv")
     if lines.shape[1] not in (9, 13):
@@ -40,14 +40,13 @@ def read_stray(folder: Path) -> Sequence:
     named = [f"{int(line[1]):06d}" for line in lines]
     depths = [_existing(folder / "depth", name, (".png", ".npy")) for name in named]
     colours = [_existing(folder / "rgb", name, (".jpg", ".png")) for name in named]
-    first = next((path for path in colours if path.is_file()), None)
     video = None
-    if first is None:
+    if not any(path.is_file() for path in colours):
         size = video_size(folder / "rgb.mp4")
-        rows, cols = _shape(folder, next((path for path in depths if path.is_file()), depths[0]))
+        rows, cols = first_shape(folder, depths)
         video = VideoFrames(folder / "rgb.mp4", cols, rows, int(lines[:, 1].max()) + 1)
     else:
-        size = _shape(folder, first, "RGB")[::-1]
+        size = first_shape(folder, colours, "RGB")[::-1]
     frames, cameras = [], []
     for index, (line, colour, depth) in enumerate(zip(lines, colours, depths, strict=True)):
         trust = folder / "confidence" / f"{named[index]}.png"
@@ -146,10 +145,3 @@ def _existing(folder: Path, stem: str, suffixes: tuple[str, ...]) -> Path:
     """The first of the files that is there, else the first one."""
     files = [folder / f"{stem}{suffix}" for suffix in suffixes]
     return next((path for path in files if path.is_file()), files[0])
-
-
-def _shape(folder: Path, path: Path, mode: str | None = None) -> tuple[int, int]:
-    """Rows and columns of an image of the folder."""
-    require_below(folder, [Frame(0.0, path, path, np.eye(4))])
-    rows, cols = (read_npy(path) if path.suffix == ".npy" else read_image(path, mode)).shape[:2]
-    return rows, cols

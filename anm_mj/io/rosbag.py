@@ -91,6 +91,8 @@ class _Bag(BagReader):
         colour, depth = self._image_topic("colour"), self._image_topic("depth")
         depths, camera_frame = self.stamps(depth)
         colours, colour_frame = self.stamps(colour)
+        if _copies(depths) or _copies(colours):
+            depths, colours = self._by_recording(depths, colours)
         if colour_frame != camera_frame:
             _logger.warning(
                 "%s: depth is of the frame '%s' and colour of '%s'; their pixels are taken for the same ones, as of "
@@ -152,6 +154,24 @@ class _Bag(BagReader):
             interpolated=missing,
             left_out=left_out,
         )
+
+    def _by_recording(self, depths: list[Stamp], colours: list[Stamp]) -> tuple[list[Stamp], list[Stamp]]:
+        """Images whose stamps do not tell most of them apart, by the times of their recording, with a warning. Raises
+        RunFolderError if these do not, either.
+        """
+        words, same = ("depth", depths) if _copies(depths) else ("colour", colours)
+        told = _copies(same), len(same), words, self.path
+        depths, colours = (
+            sorted(stamp._replace(time_s=stamp.at_ns * 1e-9) for stamp in stamps) for stamps in (depths, colours)
+        )
+        if _copies(depths) or _copies(colours):
+            raise RunFolderError(
+                "{} of {} {} images of {} have the time of another one, by their stamps and by their recording; record "
+                "them with a driver that stamps them.".format(*told)
+            )
+        text = "%d of %d %s images of %s have the stamp of another one: all are taken at the times of their recording."
+        _logger.warning(text, *told)
+        return depths, colours
 
     def _image_topic(self, role: str) -> str:
         """The topic of colour or depth: the one that was named, or the only one whose first image is of that kind."""
@@ -278,6 +298,12 @@ def image_folders(topic: str) -> tuple[str, ...]:
 
 def _range(times_s: list[float]) -> str:
     return f"from {min(times_s):.3f} to {max(times_s):.3f} s"
+
+
+def _copies(stamps: list[Stamp]) -> int:
+    """Messages with the time of another one, where they are most of them; else 0."""
+    copies = len(stamps) - len({stamp.time_s for stamp in stamps})
+    return copies if 2 * copies > len(stamps) else 0
 
 
 def _pairs(depth: list[Stamp], colour: list[Stamp], match_s: float) -> list[tuple[Stamp, Stamp]]:

@@ -98,6 +98,8 @@ class Sequence:
     """Whether the images are mirrored left to right."""
     colour_offset_s: float = 0.0
     """Added to the times of colour images to find their depth [s]."""
+    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the origin of the frames' world lies in that of the files, turned so that z points up [m]."""
     left_out: tuple[LeftOut, ...] = ()
     """What the files hold beside the frames."""
     max_bad: float = MAX_BAD
@@ -177,8 +179,14 @@ class Sequence:
         return replace(self, frames=tuple(frames))
 
     def first(self) -> Sequence:
-        """The first frame alone."""
-        return replace(self, frames=self.frames[:1], left_out=(), max_bad=0.0)
+        """The first frame that can be used, alone. Raises RunFolderError as :meth:`observations`."""
+        seen = next(self.observations(says_bad=False), None)
+        step = 0 if seen is None else seen.step
+        return replace(self, frames=self.frames[step : step + 1], left_out=(), max_bad=0.0)
+
+    def observation(self, step: int) -> Observation:
+        """A frame by its number; raises RunFolderError if its images cannot be used."""
+        return self._observation(step, self.frames[step])
 
     def without_poses(self) -> Sequence:
         """The same frames, all of them at the origin."""

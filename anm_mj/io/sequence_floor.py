@@ -42,12 +42,9 @@ def find_floor_m(sequence: Sequence) -> float:
     """Height of the floor: the lowest level that holds many of the points below the cameras [m]."""
     # Some bad frames are the affair of whoever reads all.
     some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)], max_bad=1.0)
-    heights = [
-        transform_points(observation.T_world_camera, _some_points(observation))[:, 2]
-        for observation in some.observations(says_bad=False)
-    ]
+    heights = [_heights(observation) for observation in some.observations(says_bad=False)]
     if not heights:
-        next(sequence.first().observations())
+        heights = [_heights(observation) for observation in sequence.first().observations()]
     below = np.median([frame.T_world_camera[2, 3] for frame in some.frames])
     z = np.concatenate(heights)
     z = z[z < below]
@@ -100,6 +97,11 @@ def _above_floor(observation: Observation) -> Float64[np.ndarray, "4 4"] | None:
         faces = np.abs(normal[..., 2]) > _FACING * np.linalg.norm(normal, axis=-1)
     on_it = np.isfinite(normal).all(axis=-1) & (np.abs(points[k:-k, k:-k, 2]) < _NEAR_M)
     return seen if on_it.any() and faces[on_it].mean() > _MOST else None
+
+
+def _heights(observation: Observation) -> Float64[np.ndarray, " n"]:
+    """Of some points that a frame shows [m]."""
+    return transform_points(observation.T_world_camera, _some_points(observation))[:, 2]
 
 
 def _some_points(observation: Observation) -> Float32[np.ndarray, "n 3"]:

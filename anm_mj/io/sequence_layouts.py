@@ -1,6 +1,7 @@
 """Recorded RGB-D sequences of data sets, phones, ROS bags, and run folders of ours.
 
-The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0.
+The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0; and so that the first
+camera is not far from its origin.
 """
 
 import logging
@@ -38,6 +39,11 @@ BY_FLOOR = "floor"
 """In place of such an axis, without poses: up is what the floor in the first image says."""
 BAG = "rosbag"
 """The layout that is no folder of images."""
+_FAR_M = 1000.0
+"""A map of places farther from the origin would be coarser than its depth: numbers of 32 bits lie 0.06 mm apart there,
+and 62 mm where poses are of a national grid [m]."""
+_WHOLE_HUNDREDS = -2
+"""To so many decimals such places are rounded, so that what they are moved by can be kept in mind."""
 
 _logger = logging.getLogger(__name__)
 
@@ -126,7 +132,29 @@ def _above_floor(sequence: Sequence, path: Path, found: str, options: SequenceOp
     elif floor_m is None:
         floor_m = floor_below_first_m(sequence)
     check_heights(sequence, floor_m)
-    return sequence.moved(rigid_transform(np.eye(3).ravel(), np.array([0.0, 0.0, -floor_m])))
+    return _near_origin(sequence, floor_m)
+
+
+def _near_origin(sequence: Sequence, floor_m: float) -> Sequence:
+    """The same frames in a world with the floor at 0 and the first camera not far from its origin, with a warning where
+    that moves them along the floor.
+    """
+    shift_m = np.array([0.0, 0.0, -floor_m])
+    first_m = sequence.frames[0].T_world_camera[:2, 3]
+    distance_m = float(np.hypot(*first_m))
+    if distance_m > _FAR_M:
+        shift_m[:2] = -np.round(first_m, _WHOLE_HUNDREDS)
+        _logger.warning(
+            "The first camera of %s is %.3g km from the origin of its world, where the 32 bits of a map tell places "
+            "only to %.2g mm: the world of the results begins at x = %.0f, y = %.0f m of that one (origin_m in "
+            "manifest.json).",
+            sequence.path,
+            distance_m / 1e3,
+            1e3 * np.spacing(np.float32(np.abs(first_m).max())),
+            *-shift_m[:2],
+        )
+    x, y, z = (0.0 - shift_m).tolist()
+    return replace(sequence.moved(rigid_transform(np.eye(3).ravel(), shift_m)), origin_m=(x, y, z))
 
 
 def _holds_bag_alone(path: Path) -> bool:

@@ -1,8 +1,10 @@
 """Reads the lists and tables beside the images of a sequence, as programs and editors write them."""
 
+import logging
 import math
 import re
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,8 @@ from anm_mj.utils.read_file import read_text
 _USUAL_STEP_S = 0.05
 """From one frame or pose to the next, within a factor of 30 [s]."""
 _NUMBER = re.compile(r"(\d+)")
+
+_logger = logging.getLogger(__name__)
 
 
 def rows(path: Path) -> Iterator[str]:
@@ -46,6 +50,29 @@ def seconds(times: Sequence[float]) -> list[float]:
     step = float(np.median(apart)) if len(apart) else float(stated.max()) / LATEST_S
     unit = min((1e-3, 1e-6, 1e-9), key=lambda unit: abs(math.log(step * unit / _USUAL_STEP_S)))
     return (stated * unit).tolist()
+
+
+def pose_rows(path: Path) -> list[Float[np.ndarray, "8"]]:
+    """Times [s], positions [m] and quaternions of a file of TUM, by time. Lines of nan, or with a quaternion of zeros,
+    are left out, with a warning. Raises OSError or ValueError if the file cannot be read, or holds something else.
+    """
+    lines = number_rows(path)
+    if not len(lines):
+        return []
+    if lines.shape[1] != 8:
+        raise ValueError(f"the lines of {path.name} hold {lines.shape[1]} numbers, not 8")
+    good = np.isfinite(lines).all(axis=1) & lines[:, 4:].any(axis=1)
+    if not good.all():
+        _logger.warning(
+            "%s: %d of %d lines are no poses (the first at %.9g s) and are left out.",
+            path,
+            np.count_nonzero(~good),
+            len(lines),
+            lines[np.argmin(good), 0],
+        )
+    lines = lines[good]
+    lines[:, 0] = seconds(lines[:, 0].tolist())
+    return sorted(lines, key=itemgetter(0))
 
 
 def in_number_order(name: str) -> list[str | int]:

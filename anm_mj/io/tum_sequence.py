@@ -11,10 +11,10 @@ from jaxtyping import Float
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_poses import GAP_S, Track
-from anm_mj.io.image import read_image
-from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres, require_below, require_count
+from anm_mj.io.first_image import first_shape
+from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres, require_count
 from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index, tum_matrix
-from anm_mj.io.sequence_text import number_rows, rows, seconds, with_slashes
+from anm_mj.io.sequence_text import number_rows, pose_rows, rows, seconds, with_slashes
 
 _UNIT_M = 1.0 / 5000.0
 _CAMERAS = {
@@ -36,13 +36,13 @@ _logger = logging.getLogger(__name__)
 def read_tum(folder: Path, *, needs_poses: bool = True, match_s: float = MATCH_S, max_gap_s: float = GAP_S) -> Sequence:
     """The depth images that have a colour image near them in time, and a pose: the options are those of
     :class:`~anm_mj.io.sequence.SequenceOptions`. A folder without groundtruth.txt is refused where it ``needs_poses``.
-    Raises OSError, ValueError, IndexError or RunFolderError if a list or the first image is missing or damaged.
+    Raises OSError, ValueError, IndexError or RunFolderError if a list is missing or damaged, or no image can be read.
     """
     depth, colour = _listed(folder / "depth.txt"), _listed(folder / "rgb.txt")
     truth = folder / "groundtruth.txt"
     if needs_poses and not truth.is_file():
         raise RunFolderError(f"{folder} has no groundtruth.txt; give --track to find its poses.")
-    poses = _poses(truth) if truth.is_file() else []
+    poses = pose_rows(truth) if truth.is_file() else []
     require_count(len(depth))
     colour_times, pose_times = [time_s for time_s, _ in colour], [float(line[0]) for line in poses]
     track = Track(truth.name, pose_times, [line[1:] for line in poses])
@@ -77,8 +77,7 @@ def read_tum(folder: Path, *, needs_poses: bool = True, match_s: float = MATCH_S
     bent = LensDistortion.of(
         "plumb_bob", () if stated else _DISTORTIONS.get(key, ()), f"as published for {key}, by the folder's name"
     )
-    require_below(folder, frames[:1])
-    height, width = read_image(chosen[0][1], "RGB").shape[:2] if chosen else (480, 640)
+    height, width = first_shape(folder, (image for _, image, _ in chosen), "RGB") if chosen else (480, 640)
     camera = from_pixel_centres(width, height, known)
     return Sequence(
         folder,
@@ -119,27 +118,6 @@ def _listed(path: Path) -> list[tuple[float, str]]:
         del lines[0]
     times = seconds([float(words[0]) for words in lines])
     return sorted(zip(times, (with_slashes(words[1]) for words in lines), strict=True), key=itemgetter(0))
-
-
-def _poses(path: Path) -> list[Float[np.ndarray, "8"]]:
-    """Times and poses by time; lines of nan, or with a quaternion of zeros, are left out."""
-    lines = number_rows(path)
-    if not len(lines):
-        return []
-    if lines.shape[1] != 8:
-        raise ValueError(f"the lines of {path.name} hold {lines.shape[1]} numbers, not 8")
-    good = np.isfinite(lines).all(axis=1) & lines[:, 4:].any(axis=1)
-    if not good.all():
-        _logger.warning(
-            "%s: %d of %d lines are no poses (the first at %.9g s) and are left out.",
-            path,
-            np.count_nonzero(~good),
-            len(lines),
-            lines[np.argmin(good), 0],
-        )
-    lines = lines[good]
-    lines[:, 0] = seconds(lines[:, 0].tolist())
-    return sorted(lines, key=itemgetter(0))
 
 
 def _stated_camera(folder: Path) -> tuple[float, ...] | None:

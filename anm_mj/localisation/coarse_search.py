@@ -6,7 +6,8 @@ occupied voxel, truncated; a point in unknown space by a constant.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -17,6 +18,9 @@ from anm_mj.frames import pose_matrix
 from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2
+
+_SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
+"""Heights and tilts of a camera that are nearer to each other are alike."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +36,26 @@ class DistanceGrid:
 
 
 def distance_grid(
-    grid: OccupancyGrid, camera_height_m: float, floor_m: float, margin_m: float, config: RelocalisationConfig
+    grid: OccupancyGrid,
+    camera_height_m: float,
+    floor_m: float,
+    margin_m: float,
+    config: RelocalisationConfig,
+    other: DistanceGrid | None = None,
 ) -> DistanceGrid:
     """The distance grid of a map, for cameras at a height above z = 0 [m].
 
     Their stand needs free space above the world z of ``floor_m``; points reach by ``margin_m`` beyond the map [m].
+    ``other`` is the grid of the same map for another height, whose distances are the same; None = there is none.
     """
     pool = max(1, round(config.cell_m / grid.resolution_m))
+    pad = math.ceil(margin_m / (pool * grid.resolution_m))
+    at = min(max(grid.layer_of(camera_height_m), 0), grid.state.shape[0] - 1)
+    below = grid.state[grid.layers_between(floor_m, camera_height_m)]
+    free = (grid.state[at] == FREE) & ~(below == OCCUPIED).any(axis=0)
+    is_open = np.pad(block_reduce(free, pool, np.any), pad)
+    if other is not None:
+        return replace(other, open=is_open)
     edge = pool * grid.resolution_m
     occupied = block_reduce(grid.state == OCCUPIED, pool, np.any)
     unknown = block_reduce(grid.state == UNKNOWN, pool, np.all, cval=True)
@@ -48,14 +65,8 @@ def distance_grid(
         np.minimum(distance, found, out=distance)
     # Next to a surface the unknown begins; what lies deeper says nothing.
     distance[unknown] = np.minimum(distance[unknown], config.unknown_m)
-    pad = math.ceil(margin_m / edge)
     distance = np.pad(distance, pad, constant_values=config.unknown_m)
-    at = min(max(grid.layer_of(camera_height_m), 0), grid.state.shape[0] - 1)
-    below = grid.state[grid.layers_between(floor_m, camera_height_m)]
-    free = (grid.state[at] == FREE) & ~(below == OCCUPIED).any(axis=0)
-    is_open = block_reduce(free, pool, np.any)
-    origin = grid.origin_m + 0.5 * edge - pad * edge
-    return DistanceGrid(distance, origin, edge, np.pad(is_open, pad))
+    return DistanceGrid(distance, grid.origin_m + 0.5 * edge - pad * edge, edge, is_open)
 
 
 def level(T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
@@ -64,6 +75,23 @@ def level(T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
     out = turned(-yaw) @ T_world_camera
     out[:2, 3] = 0.0
     return out
+
+
+def distinct_tilts(poses: Sequence[Float[np.ndarray, "4 4"]]) -> list[Float[np.ndarray, "4 4"]]:
+    """Heights and tilts of cameras, as of :func:`level`, no two alike, the most frequent first. The earliest stands for
+    those that are like it, and comes before equally frequent ones.
+    """
+    left = np.array([level(each) for each in poses]).reshape(-1, 4, 4)
+    kept, counts = list[Float[np.ndarray, "4 4"]](), list[int]()
+    while len(left):
+        cosine = (np.einsum("ij,nij->n", left[0, :3, :3], left[:, :3, :3]) - 1.0) / 2.0
+        alike = (np.abs(left[:, 2, 3] - left[0, 2, 3]) <= _SAME_M) & (cosine >= math.cos(_SAME_RAD))
+        # It is like itself, whatever a rotation that is not quite one says.
+        alike[0] = True
+        kept.append(left[0])
+        counts.append(int(alike.sum()))
+        left = left[~alike]
+    return [kept[index] for index in np.argsort(np.negative(counts), kind="stable")]
 
 
 def heading(T_world_camera: Float[np.ndarray, "4 4"]) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import MapError
+from anm_mj.localisation.coarse_search import distinct_tilts
 from anm_mj.localisation.compass import WallCompass
 from anm_mj.localisation.frame_points import draw_points, without_moved
 from anm_mj.localisation.frame_to_images import FrameToImages, compared_with
@@ -25,6 +25,7 @@ from anm_mj.localisation.localiser import (
     TrackingState,
     largest_deviations,
 )
+from anm_mj.localisation.map_corrector import MapCorrector
 from anm_mj.localisation.map_probe import MapProbe
 from anm_mj.localisation.motion import MotionModel
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, RegistrationProblem
@@ -37,8 +38,6 @@ from anm_mj.types import MapUpdate, Observation, Pose2
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
-
-_logger = logging.getLogger(__name__)
 
 _Place = tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "k k"]]
 """Pose of a camera, and its covariance by the directions of motion."""
@@ -106,17 +105,18 @@ class FieldLocaliser:
         self._compass = WallCompass(config.compass, self._basis)
         self._headings: Headings | None = None
         self._graph = KeyframeGraph(config.graph, self._key_images, self._basis)
-        self._grid_poses = np.zeros((0, 4, 4))
-        """Poses of the graph's keyframes that the occupancy grid was made with."""
+        self._corrector = MapCorrector(neural_map, self._graph, self._key_images, self._basis)
         self._compared: FrameToImages | None = None
         """The last frame, for a comparison with earlier ones; needed until it is integrated."""
-        self._is_chained = False
-        """Whether the motion since the last keyframe is known."""
         self._image_odometry = ImageOdometry(config, has_odometry=odometry)
         self._tracker = Tracker(config, self._probe, self._image_odometry, has_odometry=odometry)
         self._is_followed = True
         """Whether images show all motion since frames fitted."""
+        self._is_guess = False
+        """Whether nothing shows how the camera moved to the last frame: no odometry, not the map, and no image."""
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
+        self._T_fitting: Float[np.ndarray, "4 4"] | None = None
+        """The last pose that the map confirmed."""
         self._far: _Place | None = None
         """Of the last frame, where only its distance from the prior spoke against it."""
         self._covariance = np.eye(self._basis.shape[1]) * _FIRST_DEVIATION**2
@@ -131,6 +131,7 @@ class FieldLocaliser:
         self._num_frames += 1
         lost, noise, far = self._state is TrackingState.LOST, self._probe.noise_per_m, self._far
         self._compared = self._headings = self._far = None
+        self._is_guess = False
         image = key_image(observation, self.config.key_images.longest_px, noise)
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
             first = Prior(observation.T_world_camera, self._covariance, self._basis)
@@ -147,6 +148,7 @@ class FieldLocaliser:
         points = draw_points(static_view, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             self._is_followed = False
+            prior = self._unless_guessed(prior, None)
             if lost and self._T_world_camera is not None:
                 self._relocaliser.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=False)
             return self._predicted(observation, prior, None, None, misfit=False)
@@ -165,8 +167,9 @@ class FieldLocaliser:
         if tracked.verdict is not Verdict.FITS:
             self._is_followed &= tracked.is_followed
             misfit = tracked.verdict is not Verdict.UNKNOWN
-            return self._predicted(observation, tracked.prior, found, image, misfit=misfit)
-        self._misfits = 0
+            prior = tracked.prior if tracked.is_followed else self._unless_guessed(tracked.prior, image)
+            return self._predicted(observation, prior, found, image, misfit=misfit)
+        self._misfits, self._T_fitting = 0, found.T_world_camera
         self._is_followed |= tracked.score >= believed
         self._tracker.history.add(found.mean_cost, tracked.score, tracked.image_fit)
         self._motion.learn(tracked.expected, found.T_world_camera)
@@ -197,10 +200,7 @@ class FieldLocaliser:
 
     def _correct(self, observation: Observation) -> bool:
         """Add a keyframe to the graph, and move what it corrects; whether that closes a loop."""
-        graph = self.config.graph
-        own = len(self._map.field.keyframes) == len(self._graph.poses) + 1
-        # In a map that goes on from a prior run, that map says where everything is.
-        if not own or not graph.is_on:
+        if not self._corrector.is_on:
             return False
         T, compared = observation.T_world_camera, self._compared
         if compared is None:
@@ -209,26 +209,11 @@ class FieldLocaliser:
             known = Prior(T, np.zeros_like(self._covariance), self._basis)
             compared = self._compare(observation, self._key_images.images[-1], points, known, rng)
             assert compared is not None
-        # The field's say, and odometry's, is in the estimated motion; a jump after the camera was lost is none.
-        deviations = np.array([graph.chain_m] * 3 + [graph.chain_rad] * 3)
-        covariance = self._basis.T @ np.diag(deviations**2) @ self._basis
-        motion = Prior(T, covariance, self._basis) if self._is_chained else None
-        self._is_chained = True
-        self._grid_poses = np.concatenate((self._grid_poses, T[None]))
-        if (correction := self._graph.add(compared, T, motion, self._headings)) is None:
+        if self._is_guess:
+            self._corrector.break_chain()
+        if (correction := self._corrector.add(compared, observation, self._headings)) is None:
             return False
-        self._map.move_keyframes(len(self._graph.poses) - np.array(correction.nodes), correction.T_world_camera)
         self._T_world_camera = correction.T_world_camera[-1]
-        poses = self._graph.poses
-        # Since the grid was built: many small corrections add up.
-        largest_m = float(np.linalg.norm((poses - self._grid_poses)[:, :3, 3], axis=1).max())
-        if largest_m > graph.rebuild_m:
-            if correction.closed:
-                text = "Frame %d closes a loop; keyframes have moved by up to %.1f cm, and the map is built again."
-                _logger.info(text, observation.step, 100.0 * largest_m)
-            frames = (image.frame for image in self._key_images.images)
-            self._map.rebuild(frames, graph.rebuild_iterations, (self._grid_poses, poses))
-            self._grid_poses = poses
         return correction.closed
 
     def _compare(
@@ -251,19 +236,20 @@ class FieldLocaliser:
         alone = compared_with([], observation, image, len(points), kept, self.config, noise, rng)
         followed = self._image_odometry.follow(alone, prior, doubtful=True)
         self._is_followed &= followed is not None
-        prior = followed or prior
+        prior = followed or self._unless_guessed(prior, image)
         finder = self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=self._is_followed)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
-        believed = finder.look(points, self._tilts or (prior.T_world_camera,), rng, self._tracker.history.usual_score)
+        believed = finder.look(points, self._possible_tilts(prior), rng, self._tracker.history.usual_score)
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, image, misfit=False)
         finder.restart()
         self._state, self._misfits, self._is_followed = TrackingState.TRACKING, 0, True
+        self._is_guess, self._T_fitting = False, believed.T_world_camera
         self._covariance = believed.found.covariance
         self._key_images.refer_to([], believed.T_world_camera)
-        self._is_chained = False
+        self._corrector.break_chain()
         usable = self._is_sure()
         found = self._estimate(observation, believed.T_world_camera, believed.found, usable=usable, relocalised=True)
         self._see(image, found)
@@ -277,6 +263,21 @@ class FieldLocaliser:
         place = before or (self._T_world_camera, self._covariance)
         return self._motion.prior(*place, T_now, self._T_world_camera if before else None)
 
+    def _possible_tilts(self, prior: Prior) -> Sequence[Float[np.ndarray, "4 4"]]:
+        """Camera poses with the heights and tilts that a lost camera may have."""
+        tilts = self._tilts or (prior.T_world_camera,)
+        # Without odometry, images that led astray have tilted the prior, too.
+        return tilts if self._odometry or self._T_fitting is None else distinct_tilts([*tilts, self._T_fitting])
+
+    def _unless_guessed(self, prior: Prior, image: KeyImage | None) -> Prior:
+        """What is known of a frame, with this image or without, that neither map nor images place: what odometry says
+        or, without any, that the camera was where it is held.
+        """
+        if self._odometry or self._T_world_camera is None:
+            return prior
+        self._is_guess = True
+        return self._motion.hold(self._T_world_camera, self._covariance, has_image=image is not None)
+
     def _predicted(
         self,
         observation: Observation,
@@ -287,13 +288,16 @@ class FieldLocaliser:
         misfit: bool,
     ) -> PoseEstimate:
         """The prior's pose, for a frame that tells nothing, or contradicts the map."""
-        self._misfits = self._misfits + 1 if misfit else self._misfits
+        self._covariance = prior.covariance
+        is_astray = not (self._odometry or self._is_followed or self._is_sure())
+        self._misfits += misfit or is_astray
         if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
             # Perhaps only the frames were bad.
             self._relocaliser.restart(prior.T_world_camera, has_odometry=self._odometry, followed=self._is_followed)
-        self._covariance = prior.covariance
-        usable = not misfit and self._misfits == 0 and self._is_sure()
+        # Of a guess there should be something to map.
+        is_worth_it = image is not None or not self._is_guess
+        usable = not misfit and self._misfits == 0 and self._is_sure() and is_worth_it
         estimate = self._estimate(observation, prior.T_world_camera, found, usable=usable)
         self._see(image, estimate)
         return estimate
@@ -303,7 +307,9 @@ class FieldLocaliser:
         if image is not None:
             T_world_camera = estimate.observation.T_world_camera
             image = replace(image, T_world_camera=T_world_camera, covariance=estimate.covariance)
-        self._image_odometry.see(image)
+        # A camera that is held where its last image was taken may follow that one.
+        if image is not None or not self._is_guess:
+            self._image_odometry.see(image)
         self._key_images.see(image if self._is_followed else None)
 
     @property
@@ -327,7 +333,8 @@ class FieldLocaliser:
     ) -> PoseEstimate:
         # The jump from where it was believed to be, before it was lost, is no motion.
         before = T_world_camera if self._T_world_camera is None or relocalised else self._T_world_camera
-        self._motion.move(np.linalg.inv(before) @ T_world_camera, observation.T_world_camera)
+        if not self._is_guess:
+            self._motion.move(np.linalg.inv(before) @ T_world_camera, observation.T_world_camera)
         self._T_world_camera = T_world_camera
         fit = (0.0, 0.0, 0) if found is None else (found.known, found.inliers, found.bound)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base.pose(observation, T_world_camera))
@@ -335,4 +342,5 @@ class FieldLocaliser:
         told = replace(placed, position_deviation_m=position_m, heading_deviation_rad=rotation_rad)
         covariance = self._basis @ self._covariance @ self._basis.T + self._key_images.map_covariance(T_world_camera)
         usable = usable and self._state is TrackingState.TRACKING
-        return PoseEstimate(told, covariance, RegistrationQuality(*fit), self._state, usable, relocalised)
+        quality = RegistrationQuality(*fit)
+        return PoseEstimate(told, covariance, quality, self._state, usable, relocalised, self._is_guess)

@@ -21,6 +21,8 @@ _DOUBT = 3.0
 """A motion in doubt has so many times its standard deviation."""
 _LEAST_DOUBT = np.array([0.05] * 3 + [0.1] * 3)
 """Standard deviations [m, rad] of a motion that no odometry measured, at least: a camera may begin to move."""
+_MOST_DOUBT = 1.0
+"""Standard deviation [m, rad] of it, at most: farther apart two images show nothing alike."""
 CLEARLY = 0.97
 """What fits less than this share as well as something else fits clearly worse."""
 _SURE_FIT = 0.9
@@ -111,6 +113,7 @@ class ImageOdometry:
         covariance = (_DOUBT**2 if doubtful or not self._has_odometry else 1.0) * prior.motion_covariance
         if not self._has_odometry:
             covariance = covariance + any_motion(prior)
+            covariance = covariance * min(1.0, _MOST_DOUBT**2 / float(np.diag(covariance).max()))
         return replace(prior, covariance=covariance, headings=None)
 
     def _found(self, alone: FrameToImages, motion: Prior, search: _Search) -> Measured | None:

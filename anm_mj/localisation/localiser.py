@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import pose_matrix, pose_of_matrix
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.sensing.pose_check import is_stand_in
 from anm_mj.types import Action, MapUpdate, Observation, Plan, Pose2, StopReason
 
 MOST_LOST_STEPS = 3 * NUM_HEADINGS
@@ -60,6 +61,8 @@ class PoseEstimate:
     """Whether the pose is good enough for the frame's pixels to enter the map."""
     relocalised: bool = False
     """Whether the pose was found from scratch, after the camera was lost."""
+    guessed: bool = False
+    """Whether nothing tells the pose, no odometry, map or image: the camera is held where it was."""
 
     @property
     def position_deviation_m(self) -> float:
@@ -102,7 +105,7 @@ class BaseOfCamera:
     REBUILT = ("_base_pose",)
 
     def __init__(self, base_pose: Callable[[Float[np.ndarray, "4 4"]], Pose2] | None) -> None:
-        """Of a camera whose base ``base_pose`` gives; None = it is mounted as at the first frame."""
+        """Of a camera whose base ``base_pose`` gives; None = it is mounted as at the first frame with a pose."""
         self._base_pose = base_pose
         self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
 
@@ -114,7 +117,7 @@ class BaseOfCamera:
         if T_camera_base is None or observation.image_age_s:
             # With a late image the base has moved since, by what odometry says.
             T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
-        if self._T_camera_base is None:
+        if self._T_camera_base is None and not is_stand_in(observation):
             self._T_camera_base = T_camera_base
         return pose_of_matrix(T_world_camera @ T_camera_base)
 

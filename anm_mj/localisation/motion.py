@@ -8,7 +8,7 @@ from jaxtyping import Float, Float64
 
 from anm_mj.localisation.localisation_config import MotionConfig
 from anm_mj.localisation.registration import Prior
-from anm_mj.localisation.se3 import camera_motion, rotation_vector, transition
+from anm_mj.localisation.se3 import camera_motion, moved_camera, rotation_vector, transition
 
 _PRIOR_FRAMES = 4
 """What is expected of motions counts as much as so many frames."""
@@ -19,6 +19,9 @@ _POSE_SHARE = 0.25
 class MotionModel:
     """Expects where the next frame was taken: by odometry, or as if the motion before went on. How much larger the
     errors of motions are than expected is learnt from what registration corrects.
+
+    Without odometry a camera whose motion nothing shows is held where it was: the motion before would carry it away
+    without end.
     """
 
     def __init__(self, config: MotionConfig, basis: Float64[np.ndarray, "6 k"], *, has_odometry: bool) -> None:
@@ -31,6 +34,10 @@ class MotionModel:
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         """The camera's pose at the last frame as odometry has it."""
         self._T_last_now = np.eye(4)
+        self._num_held = 0
+        """Frames in a row whose motion nothing showed,"""
+        self._num_blind = 0
+        """and the last of these that have no image either."""
 
     def prior(
         self,
@@ -54,9 +61,13 @@ class MotionModel:
             floor_m, floor_rad = config.odometry_floor
             translation = a3 * distance**2 + a4 * angle**2 + floor_m**2
             rotation = a1 * angle**2 + a2 * distance**2 + floor_rad**2
+        elif self._num_held and T_believed is None:
+            return self._held(T_world_camera, covariance, self._num_held + 1, self._num_blind + 1)
         else:
             T_last_now = self._T_last_now
-            if T_believed is not None:
+            if T_believed is not None and self._num_held:
+                T_last_now = _share(np.linalg.inv(T_believed) @ T_world_camera, self._num_held)
+            elif T_believed is not None:
                 T_last_now = T_last_now @ np.linalg.inv(T_believed) @ T_world_camera
             T = T_world_camera @ T_last_now
             distance = float(np.linalg.norm(T_last_now[:3, 3]))
@@ -70,6 +81,16 @@ class MotionModel:
         motion = self._basis.T @ np.diag(variances) @ self._basis
         return Prior(T, onward @ covariance @ onward.T + motion, self._basis, motion)
 
+    def hold(
+        self, T_world_camera: Float[np.ndarray, "4 4"], covariance: Float64[np.ndarray, "k k"], *, has_image: bool
+    ) -> Prior:
+        """What is known, without odometry, of a frame whose motion nothing shows: the camera is where it was at the
+        last one, whose pose and covariance are given. ``has_image``: the next frame may follow this one.
+        """
+        self._num_held += 1
+        self._num_blind = 0 if has_image else self._num_blind + 1
+        return self._held(T_world_camera, covariance, self._num_held, self._num_blind)
+
     def learn(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
         """Take in what a frame's pose says of its prior, which tells how noisy motions are."""
         assert prior.motion_covariance is not None
@@ -82,8 +103,34 @@ class MotionModel:
         self._squares = [*self._squares, square][-self._config.learn_frames :]
 
     def move(self, T_last_now: Float[np.ndarray, "4 4"], T_odometry: Float[np.ndarray, "4 4"]) -> None:
-        """Take in how the camera moved since the frame before, and where odometry has it."""
+        """Take in how the camera moved since the last frame that was not held, and where odometry has it."""
+        if self._num_held:
+            T_last_now = _share(T_last_now, self._num_held + 1)
         self._T_last_now, self._T_odometry = T_last_now, T_odometry
+        self._num_held = self._num_blind = 0
+
+    def _held(
+        self,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        covariance: Float64[np.ndarray, "k k"],
+        num_held: int,
+        num_blind: int,
+    ) -> Prior:
+        """Of the last of ``num_held`` frames, from pose and covariance of the one before it; ``num_blind`` frames
+        before it the camera gave the last image.
+        """
+        config, T = self._config, self._T_last_now
+        squares = float(np.sum(T[:3, 3] ** 2)), float(np.sum(rotation_vector(T[:3, :3]) ** 2))
+        floors = config.free_translation_m**2, config.free_rotation_rad**2
+        # The motion before may go on, with its error, or end.
+        variances = [
+            square + self._scale**2 * (floor + config.free_share**2 * square)
+            for square, floor in zip(squares, floors, strict=True)
+        ]
+        motion = self._basis.T @ np.diag(np.repeat(variances, 3)) @ self._basis
+        # It is one motion that lasts: its deviation grows with the time, not with the root of it.
+        grown = (num_held**2 - (num_held - 1) ** 2) * motion
+        return Prior(T_world_camera, covariance + grown, self._basis, num_blind**2 * motion)
 
     @property
     def _learnt_scale(self) -> float:
@@ -93,3 +140,8 @@ class MotionModel:
         share = len(self._squares) / (len(self._squares) + _PRIOR_FRAMES)
         learnt = math.sqrt(statistics.median(self._squares))
         return max(1.0, share * learnt + 1.0 - share)
+
+
+def _share(T_motion: Float[np.ndarray, "4 4"], count: int) -> Float[np.ndarray, "4 4"]:
+    """One of so many equal parts of a motion."""
+    return moved_camera(np.eye(4), camera_motion(np.eye(4), T_motion) / count)

@@ -28,6 +28,9 @@ _PAST_FRAMES = 12
 """So many frames have to fit a place that is believed, also those from before it was proposed."""
 _HEIGHT_M = 0.1
 """Cameras whose heights differ by less share a grid of distances [m]."""
+_REACH = 2.0
+"""What a frame shows at the edges of its view lies farther away than its depth says: at most so many times the range of
+the search, or it takes no part."""
 _FLOOR_M = 0.1
 """World z above which the camera's stand needs free space [m]."""
 _DOUBT_FRAMES = 2
@@ -130,7 +133,8 @@ class Relocaliser:
         the frame tells, too. ``usual_score`` as of :func:`believable`.
         """
         config = self.config.relocalisation
-        is_near = points.camera_m[:, 2] <= config.range_m
+        reach_m = np.linalg.norm(points.camera_m, axis=1)
+        is_near = (points.camera_m[:, 2] <= config.range_m) & (reach_m <= _REACH * config.range_m)
         near = FramePoints(*(each[is_near] for each in vars(points).values()))
         if len(near) < config.search_points:
             return None
@@ -177,7 +181,9 @@ class Relocaliser:
         if step not in self._grids:
             config, grid = self.config.relocalisation, self._probe.occupancy.grid
             floor_m = height_m if self._is_free else _FLOOR_M
-            self._grids[step] = distance_grid(grid, height_m, floor_m, config.range_m * 2.0, config)
+            # Distances take as much memory as the map, and are the same at all heights.
+            other = next(iter(self._grids.values()), None)
+            self._grids[step] = distance_grid(grid, height_m, floor_m, _REACH * config.range_m, config, other)
         return self._grids[step]
 
     def _is_local(self, hypothesis: Hypothesis, points: FramePoints) -> bool:

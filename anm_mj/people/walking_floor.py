@@ -27,6 +27,8 @@ _DOOR_ANGLE_RAD = math.radians(7.5)
 """Directions in which a doorway's jambs are looked for lie so far apart."""
 _IN_DOORWAY_M = 0.7
 """So near to the middle of one, somebody stands in it [m]."""
+_AT_DOORWAY_M = 1.0
+"""Whoever is nearer to the middle of one is at it [m]."""
 
 
 class Doorway(NamedTuple):
@@ -99,12 +101,22 @@ class WalkingFloor:
         return to
 
     def doorway(self, near_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """The middle of the doorway nearest to a place, but not at it [m]. Raises SceneError if the floor has none."""
+        """The middle of the doorway nearest to a place, but not at it [m]. Raises SceneError if the floor has none, or
+        none away from it.
+        """
         xy = self._doorways_m
         if not len(xy):
             raise SceneError("The floor has no doorway for somebody to stand in: set people.blocked_s=0.")
         away_m = np.linalg.norm(xy - near_m, axis=1)
-        return xy[np.argmin(np.where(away_m < 1.0, np.inf, away_m))]
+        away_m[away_m < _AT_DOORWAY_M] = math.inf
+        nearest = int(np.argmin(away_m))
+        if math.isinf(away_m[nearest]):
+            raise SceneError(
+                f"All doorways of the floor, {len(xy)}, lie less than {_AT_DOORWAY_M:g} m from the robot at "
+                f"({near_m[0]:.2f}, {near_m[1]:.2f}), too near for somebody to stand there: start elsewhere, or set "
+                "people.blocked_s=0."
+            )
+        return xy[nearest]
 
     def _find_doorways(self, scene: Scene) -> list[Doorway]:
         """Those between two rooms that people fit through."""

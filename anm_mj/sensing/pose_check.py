@@ -33,12 +33,13 @@ class PoseCheck:
 
     def __init__(self) -> None:
         self._last: Pose2 | None = None
+        """Of the last frame; None before anybody said where the robot is."""
         self._T_base_camera: Float[np.ndarray, "4 4"] = np.eye(4)
         self._T_fixed_said: Float[np.ndarray, "4 4"] = np.eye(4)
 
     def without_pose(self, observation: Observation, action: Action | None) -> Observation:
         """A frame with the pose that the action led to which moved the robot since the last frame, None where none did,
-        in place of one that is not finite.
+        in place of one that is not finite. Before any pose it is a stand-in, see :func:`is_stand_in`.
         """
         there = Pose2(0.0, 0.0, 0.0) if self._last is None else _after(self._last, action)
         # As if it was said: the correction is put on by ``check``.
@@ -53,6 +54,9 @@ class PoseCheck:
         is taken as it is; ``judges`` says whether jumps are looked for.
         """
         last = self._last
+        # The first pose that is said is no jump from there, and tells where the camera is mounted.
+        if last is None and is_stand_in(observation):
+            return observation
         if not np.array_equal(self._T_fixed_said, np.eye(4)):
             observation = _moved(observation, self._T_fixed_said)
         self._T_base_camera = np.linalg.inv(pose_matrix(observation.pose)) @ observation.T_world_camera
@@ -76,6 +80,13 @@ class PoseCheck:
                     observation = driven
         self._last = observation.pose
         return observation
+
+
+def is_stand_in(observation: Observation) -> bool:
+    """Whether the pose of a frame stands for one that nobody has said yet: its camera is at the base, on the floor,
+    and looks straight up, as no robot's does.
+    """
+    return np.array_equal(observation.T_world_camera, pose_matrix(observation.pose))
 
 
 def _moved(observation: Observation, T_new_old: Float[np.ndarray, "4 4"]) -> Observation:

@@ -117,3 +117,16 @@ def test_a_reference_of_other_times_than_those_that_frames_are_given_is_named(st
     caplog.clear()
     warn_of_assumed_times([0.0, 0.04, 0.07], read_reference(path))
     assert not caplog.text
+
+
+def test_a_reference_is_read_as_the_poses_of_a_sequence_are(tmp_path, caplog):
+    """With commas, in nanoseconds, a line of nan among them, one pose a second."""
+    path = tmp_path / "groundtruth.txt"
+    start_s = 1_700_000_000
+    lines = [camera_line(start_s + t, pose(float(t))).split() for t in range(4)]
+    lines.insert(2, [str(start_s + 1.5), *["nan"] * 7])
+    path.write_text("".join(f"{round(float(line[0]) * 1e9)},{','.join(line[1:])}\n" for line in lines))
+    records = [replace(record, time_s=record.time_s + start_s) for record in frames()]
+    assert reference_error(records, read_reference(path)) is None
+    assert error_of(records, read_reference(path, max_gap_s=2.0)).ate_rmse_cm < 2.0
+    assert "1 of 5 lines are no poses" in caplog.text

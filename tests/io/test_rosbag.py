@@ -253,6 +253,27 @@ def test_images_that_were_recorded_at_one_time_are_told_apart(tmp_path):
     check(open_sequence(path, SequenceOptions(floor_m=0.0))[0])
 
 
+def test_images_with_one_stamp_for_all_are_taken_at_the_times_of_their_recording(tmp_path, caplog):
+    said = images() + poses_by_tf()
+    for topic in (COLOUR, DEPTH):
+        said = changed(topic, lambda m, k: replace(m, header=header(0.0, "optical")), said)
+    path = write_bag(tmp_path / "bag", said)
+    frames = list(open_sequence(path, SequenceOptions(floor_m=0.0))[0].observations())
+    for found, step in zip(frames, (0, 1, 2, 4, 5), strict=True):
+        made = seen()[step]
+        np.testing.assert_allclose(found.T_world_camera, made.T_world_camera, atol=1e-6)
+        np.testing.assert_allclose(found.depth_m, made.depth_m, atol=0.0006)
+        np.testing.assert_array_equal(found.rgb, made.rgb[..., ::-1] + np.uint8(step))
+        assert found.time_s == pytest.approx(made.time_s + 100.003, abs=1e-6)
+    assert "have the stamp of another one: all are taken at the times of their recording" in caplog.text
+    (file,) = path.glob("*.db3")
+    with sqlite3.connect(file) as base:
+        base.execute("UPDATE messages SET timestamp = 7")
+    base.close()
+    with pytest.raises(RunFolderError, match=r"5 of 6 depth images .* have the time of another one, .*; record them"):
+        open_sequence(path)
+
+
 def test_distortion_is_taken_out_and_depth_of_another_camera_is_said(tmp_path, caplog):
     bent = changed(INFO, lambda m, k: replace(m, d=np.full(5, 0.1)))
     said = changed(COLOUR, lambda m, k: replace(m, header=replace(m.header, frame_id="other")), bent)

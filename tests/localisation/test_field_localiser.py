@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from anm_mj.localisation.keyframe_graph import KeyframeGraph
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import Localiser, PoseEstimate, TrackingState
 from anm_mj.localisation.map_probe import Agreement
+from anm_mj.localisation.tracking import Tracked, Verdict
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import Observation, Pose2
@@ -138,6 +140,106 @@ def test_a_free_camera_that_turns_by_fits_and_starts_is_tracked_in_a_map_without
     apart, turned = offsets(estimates, frames)
     assert apart.max() < 0.03
     assert turned.max() < math.radians(1.0)
+
+
+def without_depth(frame: Observation) -> Observation:
+    return replace(frame, depth_m=np.full_like(frame.depth_m, np.nan))
+
+
+def swaying(room: Room, count: int) -> list[Observation]:
+    """A camera in the hand that goes on steadily, and has no odometry."""
+    return [room.observe(1.5 + 0.01 * k, 1.5, 0.03 * k, size=96, step=k) for k in range(count)]
+
+
+def of_nowhere(frames: list[Observation]) -> list[Observation]:
+    """The same, all with the pose of the first."""
+    return [with_pose(frame, 1.5, 1.5, 0.0) for frame in frames]
+
+
+def test_a_free_camera_that_sees_nothing_is_held_in_growing_doubt_and_then_lost(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room
+) -> None:
+    _, _, neural_map = tracked
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=False, odometry=False)
+    frames = swaying(room, 26)
+    seen = track(localiser, neural_map, of_nowhere(frames[:6]), learn=False)
+    assert not any(estimate.guessed for estimate in seen)
+    blind = track(localiser, neural_map, [without_depth(frame) for frame in of_nowhere(frames[6:])], learn=False)
+    last = seen[-1].observation.T_world_camera
+    for estimate in blind:
+        np.testing.assert_array_equal(estimate.observation.T_world_camera, last)
+        assert estimate.guessed
+        assert not estimate.usable
+    # A lasting error of the velocity: twice the time, twice the deviation.
+    deviations = np.array([(each.position_deviation_m, each.rotation_deviation_rad) for each in blind])
+    np.testing.assert_allclose(deviations[19] / deviations[9], 2.0, rtol=0.05)
+    apart, turned = offsets(blind, frames[6:])
+    assert (apart < deviations[:, 0]).all()
+    assert (turned < deviations[:, 1]).all()
+    assert blind[0].state is TrackingState.TRACKING
+    lost = [k for k, estimate in enumerate(blind) if estimate.state is TrackingState.LOST]
+    assert lost[0] <= 3 + CONFIG.tracking.lost_frames
+    assert lost[-1] == 19
+
+
+@pytest.mark.parametrize("turn", [0.03, TURN])
+def test_a_free_camera_goes_on_after_a_few_frames_without_depth(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room, turn: float
+) -> None:
+    _, _, neural_map = tracked
+    frames = [room.observe(1.5 + 0.01 * k, 1.5, turn * k, size=96, step=k) for k in range(14)]
+    told = [without_depth(frame) if k in (6, 7) else frame for k, frame in enumerate(of_nowhere(frames))]
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=False, odometry=False)
+    estimates = track(localiser, neural_map, told, learn=False)
+    assert [k for k, estimate in enumerate(estimates) if not estimate.usable] == [6, 7]
+    apart, turned = offsets(estimates[8:], frames[8:])
+    assert apart.max() < 0.03
+    assert turned.max() < math.radians(1.0)
+
+
+def test_a_free_camera_that_was_blind_for_long_is_found_in_the_map(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap], room: Room
+) -> None:
+    _, _, neural_map = tracked
+    frames = [room.observe(1.5, 1.5, 0.03 * min(k, 6), size=96, step=k) for k in range(40)]
+    # It turns while it sees nothing.
+    frames[25:] = [room.observe(1.5, 1.4, 2.0 + 0.1 * k, size=96, step=25 + k) for k in range(15)]
+    told = [without_depth(frame) if 6 <= k < 25 else frame for k, frame in enumerate(of_nowhere(frames))]
+    # Of the map's own camera another height is known: that of this one is the one from before it was lost.
+    low = camera_pose(0.0, 0.0, 0.4, 0.0)
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=False, odometry=False, tilts=(low,))
+    estimates = track(localiser, neural_map, told, learn=False)
+    assert estimates[24].state is TrackingState.LOST
+    assert estimates[-1].usable
+    apart, turned = offsets(estimates[-1:], frames[-1:])
+    assert apart[0] < 0.03
+    assert turned[0] < math.radians(1.0)
+
+
+@pytest.mark.parametrize("first", [Verdict.UNKNOWN, Verdict.CONTRADICTS])
+def test_a_free_camera_before_unknown_space_is_lost_once_no_image_follows_it(
+    tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap],
+    room: Room,
+    monkeypatch: pytest.MonkeyPatch,
+    first: Verdict,
+) -> None:
+    _, _, neural_map = tracked
+    localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=False, odometry=False)
+    frames = swaying(room, 26)
+    seen = track(localiser, neural_map, of_nowhere(frames[:6]), learn=False)
+    verdicts, true_track = iter([first]), localiser._tracker.track
+
+    def not_found(*arguments: Any, **options: Any) -> Tracked:
+        tracked = true_track(*arguments, **options)
+        return replace(tracked, verdict=next(verdicts, Verdict.UNKNOWN), prior=tracked.expected, is_followed=False)
+
+    monkeypatch.setattr(localiser._tracker, "track", not_found)
+    monkeypatch.setattr(localiser._image_odometry, "follow", lambda *_, **__: None)
+    monkeypatch.setattr(localiser._relocaliser, "look", lambda *_: None)
+    estimates = track(localiser, neural_map, of_nowhere(frames[6:]), learn=False)
+    for estimate in estimates:
+        np.testing.assert_array_equal(estimate.observation.T_world_camera, seen[-1].observation.T_world_camera)
+    assert estimates[9].state is TrackingState.LOST
 
 
 def test_a_blind_frame_keeps_the_prior_and_its_doubt(

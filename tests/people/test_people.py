@@ -119,6 +119,17 @@ def test_every_doorway_lies_between_two_rooms_and_nobody_stops_in_one(floor):
     assert np.linalg.norm(floor.places_m[:, None] - middles, axis=2).min() > 0.7
 
 
+def test_nobody_stands_in_a_doorway_that_the_robot_is_at(floor, scene, monkeypatch):
+    first, second = (door.middle_m for door in floor.doorways[:2])
+    monkeypatch.setattr(floor, "_doorways_m", np.array([first, second]))
+    assert np.array_equal(floor.doorway(first), second)
+    monkeypatch.setattr(floor, "_doorways_m", np.array([first]))
+    with pytest.raises(SceneError, match=r"All doorways of the floor, 1, lie less than 1 m .* set people.blocked_s=0"):
+        floor.doorway(first + 0.3)
+    with pytest.raises(SceneError, match=r"start elsewhere"):
+        Crowd(PeopleConfig(number=1, blocked_s=2.0), floor, first, ROBOT_M, 0)
+
+
 def test_a_follower_comes_to_the_robot(floor, scene):
     robot = scene.starts[0].xy_m
     crowd = crowd_of(floor, scene, number=1, followers=1)

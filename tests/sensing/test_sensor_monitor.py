@@ -257,6 +257,22 @@ def test_a_frame_without_a_pose_gets_the_one_that_was_driven_to():
     assert np.isnan(kept.depth_m).all()
 
 
+def test_the_first_pose_that_is_said_is_no_jump_and_tells_the_mount(caplog):
+    monitor, start = SensorMonitor(), Pose2(-0.5, 0.1, 0.7)
+    kept = monitor.check(without_pose(box_view(start)))
+    assert kept.pose == Pose2(0.0, 0.0, 0.0)
+    assert np.isnan(kept.depth_m).all()
+    driven = move_pose(start, 0.065, 0.0)
+    # A map that knows nothing fits every pose.
+    kept = monitor.check(box_view(driven), action=Action.MOVE_FORWARD, moved=True, sdf_m=lambda at: at[:, 0] * 0.0)
+    assert kept.pose == driven
+    assert "from where the last action led" not in caplog.text
+    after = move_pose(driven, 0.065, 0.0)
+    kept = monitor.check(without_pose(box_view(after)), action=Action.MOVE_FORWARD, moved=True)
+    assert kept.pose.xy_m == pytest.approx(after.xy_m)
+    assert np.allclose(kept.T_world_camera, camera_pose(after))
+
+
 def box_view(pose, said=None):
     """A frame of the box room, with a pose that may not be the true one."""
     T_world_camera = camera_pose(pose)
