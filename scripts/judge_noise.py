@@ -323,7 +323,7 @@ def _summarize(rows: list[Outcome]) -> None:
         )
         phantoms = np.mean([row.phantoms for row, _ in pairs])
         scenes = [row.scene for row, _ in pairs]
-        changed = (_mean(scene_means(scenes, values) if name == "all" else values) for values in (final, area))
+        changed = (_mean(scene_means(scenes, values.tolist()) if name == "all" else values) for values in (final, area))
         cells = (name, len(pairs), *changed, f"{turns:.2f}", f"{changes:.2f}", f"{phantoms:.0f}")
         print(f"| {' | '.join(map(str, cells))} |")
 
