@@ -152,16 +152,19 @@ class FieldLocaliser:
             if lost and self._T_world_camera is not None:
                 self._relocaliser.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=False)
             return self._predicted(observation, prior, None, None, misfit=False)
+        T = self._T_world_camera
+        gone_on = None if T is None else self._motion.gone_on(T, self._covariance)
         if lost:
-            return self._look_for(observation, prior, points, image, rng)
+            return self._look_for(observation, prior, gone_on, points, image, rng)
         prior = self._compass.look(static_view, prior, self._probe.noise_of(static_view))
         self._headings = prior.headings
         compared = self._compared = self._compare(static_view, image, points, prior, rng)
         extra = compared if compared is not None and compared.num_images else None
         problem = RegistrationProblem(points, prior, self._probe, settings, extra)
-        after_far = None if far is None else self._prior(observation, far)
+        # Perhaps the last frame jumped rightly, or the motion went on while the camera was held.
+        other = gone_on if far is None else self._prior(observation, far)
         believed = self._tracker.believed_score
-        tracked = self._tracker.track(problem, after_far, compared, rng, misfits=self._misfits)
+        tracked = self._tracker.track(problem, other, compared, rng, misfits=self._misfits)
         found = tracked.found
         self._far = (found.T_world_camera, found.covariance) if tracked.verdict is Verdict.JUMPS else None
         if tracked.verdict is not Verdict.FITS:
@@ -229,7 +232,13 @@ class FieldLocaliser:
         return compared_with(images, static_view, image, len(points), kept, self.config, noise, rng)
 
     def _look_for(
-        self, observation: Observation, prior: Prior, points: FramePoints, image: KeyImage, rng: np.random.Generator
+        self,
+        observation: Observation,
+        prior: Prior,
+        gone_on: Prior | None,
+        points: FramePoints,
+        image: KeyImage,
+        rng: np.random.Generator,
     ) -> PoseEstimate:
         """Look for a lost camera in the whole map."""
         noise, kept = self._probe.noise_per_m, self._key_images
@@ -240,6 +249,8 @@ class FieldLocaliser:
         finder = self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera, followed=self._is_followed)
+        if gone_on is not None:
+            finder.propose(gone_on.T_world_camera)
         rng = np.random.default_rng([self._seed, 23, self._num_frames])
         believed = finder.look(points, self._possible_tilts(prior), rng, self._tracker.history.usual_score)
         if believed is None or believed.found is None:

@@ -91,6 +91,19 @@ class MotionModel:
         self._num_blind = 0 if has_image else self._num_blind + 1
         return self._held(T_world_camera, covariance, self._num_held, self._num_blind)
 
+    def gone_on(self, T_world_camera: Float[np.ndarray, "4 4"], covariance: Float64[np.ndarray, "k k"]) -> Prior | None:
+        """Of the next frame, had the motion before gone on all the time that the camera was held at a pose, which has
+        this covariance by now; None where it is not held.
+        """
+        if not self._num_held:
+            return None
+        count = self._num_held + 1
+        T = T_world_camera @ np.linalg.matrix_power(self._T_last_now, count)
+        before = covariance - self._num_held**2 * self._lasting_covariance(goes_on=False)
+        onward = self._basis.T @ transition(T_world_camera, T) @ self._basis
+        motion = count**2 * self._lasting_covariance(goes_on=True)
+        return Prior(T, onward @ before @ onward.T + motion, self._basis, motion)
+
     def learn(self, prior: Prior, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
         """Take in what a frame's pose says of its prior, which tells how noisy motions are."""
         assert prior.motion_covariance is not None
@@ -119,18 +132,22 @@ class MotionModel:
         """Of the last of ``num_held`` frames, from pose and covariance of the one before it; ``num_blind`` frames
         before it the camera gave the last image.
         """
+        motion = self._lasting_covariance(goes_on=False)
+        grown = (num_held**2 - (num_held - 1) ** 2) * motion
+        return Prior(T_world_camera, covariance + grown, self._basis, num_blind**2 * motion)
+
+    def _lasting_covariance(self, *, goes_on: bool) -> Float64[np.ndarray, "k k"]:
+        """Of a frame's part of one motion that lasts, whose deviation grows with the time and not with the root of it:
+        about the motion before, which ``goes_on``, or about none, as it may go on or end.
+        """
         config, T = self._config, self._T_last_now
         squares = float(np.sum(T[:3, 3] ** 2)), float(np.sum(rotation_vector(T[:3, :3]) ** 2))
         floors = config.free_translation_m**2, config.free_rotation_rad**2
-        # The motion before may go on, with its error, or end.
         variances = [
-            square + self._scale**2 * (floor + config.free_share**2 * square)
+            (0.0 if goes_on else square) + self._scale**2 * (floor + config.free_share**2 * square)
             for square, floor in zip(squares, floors, strict=True)
         ]
-        motion = self._basis.T @ np.diag(np.repeat(variances, 3)) @ self._basis
-        # It is one motion that lasts: its deviation grows with the time, not with the root of it.
-        grown = (num_held**2 - (num_held - 1) ** 2) * motion
-        return Prior(T_world_camera, covariance + grown, self._basis, num_blind**2 * motion)
+        return self._basis.T @ np.diag(np.repeat(variances, 3)) @ self._basis
 
     @property
     def _learnt_scale(self) -> float:

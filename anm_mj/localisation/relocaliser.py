@@ -114,6 +114,11 @@ class Relocaliser:
         if self._T_expected is not None:
             self._T_expected = self._T_expected @ T_last_now
 
+    def propose(self, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
+        """Take up a place where the camera may be now."""
+        if not any(_are_same(T_world_camera, other.T_world_camera) for other in self.hypotheses):
+            self.hypotheses.append(Hypothesis(T_world_camera))
+
     @property
     def T_expected(self) -> Float[np.ndarray, "4 4"] | None:
         """Where the camera is, had nobody carried it; None = nobody knows, or it may have been carried."""
