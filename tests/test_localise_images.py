@@ -119,7 +119,7 @@ def test_what_was_found_before_an_error_is_written(mapped, images, tmp_path, cap
 def test_what_was_found_before_an_interruption_is_written(mapped, images, tmp_path, capsys, monkeypatch):
     @contextmanager
     def bar(*_):
-        yield lambda done, total: signal.raise_signal(signal.SIGINT) if done == 8 else None
+        yield lambda done, total: signal.raise_signal(signal.SIGTERM) if done == 8 else None
 
     monkeypatch.setattr(console, "progress_bar", bar)
     assert localised(mapped, images, tmp_path / "out")["frames"] == 8
@@ -136,7 +136,7 @@ def test_images_that_wait_for_a_place_take_no_memory(mapped, images, tmp_path, m
 
     def count(*_):
         gc.collect()
-        alive.append(sum(isinstance(one, Observation) for one in gc.get_objects()))
+        alive.append(sum(type(one) is Observation for one in gc.get_objects()))
 
     assert all(pose.T_world_camera is None for pose in localise_images(mapped, sequence, config, on_image=count))
     assert alive[-1] <= alive[2]

@@ -152,9 +152,11 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
                 with pytest.raises(RunFolderError, match="Another program is writing"):
                     other(whole)
                 refused.append(other)
-        whole_ones = list(whole.glob("checkpoint/[!.]*"))
-        if report.step < 21 or len(whole_ones) < 2 or killed.exists():
+        if report.step < 21 or killed.exists():
             return
+        until = time.monotonic() + 60.0
+        while len(list(whole.glob("checkpoint/[!.]*"))) < 2 and time.monotonic() < until:
+            time.sleep(0.01)
         try:
             shutil.copytree(whole, killed, ignore=shutil.ignore_patterns(".*"))
         except shutil.Error:  # The other thread removed the oldest checkpoint meanwhile.
