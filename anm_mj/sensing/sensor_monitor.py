@@ -102,7 +102,13 @@ class SensorMonitor:
 
     @property
     def must_look_around(self) -> bool:
-        """Whether the camera has measured nothing for so long that a whole turn has to show whether it still can."""
+        """Whether the camera has measured nothing for so long that a turn has to show whether it still can."""
+        # A few more tell the policy of an obstacle first: see FEW_FRAMES.
+        return self._in_a_row[BLIND] > FEW_FRAMES or self._shows_nothing
+
+    @property
+    def _shows_nothing(self) -> bool:
+        """Whether so many frames have no depth that a whole turn has to show some."""
         return self._in_a_row[NOTHING] >= self._patience
 
     @property
@@ -185,7 +191,7 @@ class SensorMonitor:
         into what it sees nothing of, or it would be turned back for ever.
         """
         self._num_seen = self._num_seen + 1 if has_depth else 0
-        if has_depth and self.must_look_around:
+        if has_depth and self._shows_nothing:
             self._patience = FULL_TURN_FRAMES
         elif self._num_seen >= FULL_TURN_FRAMES:
             self._patience = PATIENCE_FRAMES

@@ -105,6 +105,20 @@ def test_a_robot_without_depth_looks_around_whatever_its_policy_looks_at(is_dead
     assert len(actions) < MOST_EMPTY_FRAMES if is_dead else len(actions) == 100
 
 
+def test_a_robot_looks_around_before_a_wall_that_it_is_too_near_to_measure():
+    """The map has the wall where the camera should see it, and the policy would turn to and fro before it."""
+    world = room(5, 4)
+
+    def change(seen):
+        return with_depth(np.nan)(seen) if math.cos(seen.pose.yaw_rad) > 0.7 else seen
+
+    to_and_fro = Plan("both", np.zeros((0, 2)), actions=(Action.TURN_LEFT, Action.TURN_RIGHT))
+    robot, recorder = FaultyRobot(world, Pose2(1.2, 1.5, 0.0), change, 1), ListRecorder()
+    outcome = explore(robot, world, Scripted(to_and_fro), num_steps=40, observers=(recorder,))
+    assert outcome.stop_reason is StopReason.BUDGET
+    assert [result.action for _, result, *_ in recorder.steps][4:8] == [Action.TURN_LEFT] * 4
+
+
 def test_a_robot_that_has_looked_around_may_go_on_into_what_it_sees_nothing_of():
     """The way leads through a sector of 200 degrees without any depth; each look around would turn it back."""
     world = room(5, 4, unknown=[(1.4, 0.0, 5.4, 4.4)])
