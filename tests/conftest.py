@@ -44,13 +44,17 @@ def pytest_runtest_setup():
 
 @pytest.fixture(scope="module")
 def quick_results():
-    """Runs in this process end with a tenth of the samples on the mesh and with small pictures: to judge and to draw a
-    short run as a long one takes longer than the run.
+    """Runs in this process end with a tenth of the samples on the mesh and on the true surface, and with small
+    pictures: to judge and to draw a short run as a long one takes longer than the run.
     """
     from anm_mj.evaluation import run_evaluation
+    from anm_mj.ground_truth.ground_truth import GroundTruth
     from anm_mj.viz import figure_file
 
-    judge, write = run_evaluation.mesh_quality, figure_file.write_figure
+    judge, write, sample = run_evaluation.mesh_quality, figure_file.write_figure, GroundTruth.sample
+
+    def sample_less(vertices, faces, num_samples):
+        return sample(vertices, faces, num_samples // 10)
 
     def write_small(figure, path, kind):
         figure.set_dpi(20)
@@ -59,6 +63,7 @@ def quick_results():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_evaluation, "mesh_quality", functools.partial(judge, num_samples=20_000))
         patch.setattr(figure_file, "write_figure", write_small)
+        patch.setattr(GroundTruth, "sample", sample_less)
         yield
 
 
