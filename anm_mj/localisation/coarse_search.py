@@ -157,16 +157,16 @@ def refined(
     """The best of a finer lattice about a place and heading: score [m], x [m], y [m], heading [rad]."""
     side = np.arange(-2, 3)
     turns = pose[2] + side * (math.tau / config.headings / 4.0)
-    offset = side * (config.spacing_m / 4.0)
+    dy, dx = (each.ravel() * (config.spacing_m / 4.0) for each in np.meshgrid(side, side, indexing="ij"))
+    aside = np.stack((dx, dy, np.zeros(len(dx))), axis=1) / grid.cell_m
     best = (math.inf, *pose)
     for yaw in turns.tolist():
         arms = points.camera_m @ (turned(yaw) @ T_level)[:3, :3].T
         at = (arms + np.array([pose[0], pose[1], T_level[2, 3]]) - grid.origin_m) / grid.cell_m
-        for dy in offset.tolist():
-            for dx in offset.tolist():
-                value = float(_values(grid, at + np.array([dx, dy, 0.0]) / grid.cell_m).mean())
-                if value < best[0]:
-                    best = (value, pose[0] + dx, pose[1] + dy, yaw)
+        values = _values(grid, at + aside[:, None]).mean(axis=1)
+        k = int(np.argmin(values))
+        if values[k] < best[0]:
+            best = (float(values[k]), pose[0] + float(dx[k]), pose[1] + float(dy[k]), yaw)
     return best
 
 
@@ -192,12 +192,12 @@ def _scores(
     return total / max(1, int(inside.sum()))
 
 
-def _values(grid: DistanceGrid, at: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+def _values(grid: DistanceGrid, at: Float[np.ndarray, "*n 3"]) -> Float32[np.ndarray, "*n"]:
     """Distances at places given in cells, x, y, z."""
     cell = np.rint(at).astype(np.int64)
     top = np.array(grid.distance_m.shape[::-1]) - 1
-    inside = ((cell >= 0) & (cell <= top)).all(axis=1)
-    x, y, z = np.clip(cell, 0, top).T
+    inside = ((cell >= 0) & (cell <= top)).all(axis=-1)
+    x, y, z = np.moveaxis(np.clip(cell, 0, top), -1, 0)
     return np.where(inside, grid.distance_m[z, y, x], grid.distance_m[0, 0, 0])
 
 
