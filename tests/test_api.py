@@ -153,7 +153,7 @@ def test_options_of_an_exploration_may_be_of_numpy_and_one_setting_a_text(tmp_pa
     program = (
         "import numpy as np, pathlib\n"
         "made = anm_mj.explore_scene('room', steps=np.int64(1), seed=np.uint8(2), start=np.array([2.5, 2.4, 15]),\n"
-        "    people=1, return_to_start=np.False_, settings='image_px=32', out=pathlib.Path('run'))\n"
+        "    people=1, goal='coverage', return_to_start=np.False_, settings='image_px=32', out=pathlib.Path('run'))\n"
         "config = anm_mj.load_run(made.folder).config\n"
         "print(config['seed'], config['start'], config['people']['number'], config['image_px'])\n"
     )

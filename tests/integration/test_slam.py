@@ -184,7 +184,7 @@ def test_a_robot_that_is_not_told_where_it_starts_finds_itself_before_it_goes_on
 
 
 def test_a_robot_that_does_not_find_itself_ends_lost_and_keeps_the_prior_map(scene, localised, tmp_path):
-    never = ["frames=1000", "search_points=10", "headings=4"]
+    never = ["frames=1000", "search_points=10", "headings=4", "candidates=2"]
     settings = [*(f"localisation.relocalisation.{each}" for each in never), "mapping.schedule.final_iterations=0"]
     prior = str(localised[0])
     metrics = explore(
