@@ -20,6 +20,8 @@ from anm_mj.run import run
 from tests.scene.small import make_small_scene
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 STEPS = 90
 FILES = (
     "manifest.json", "config.json", "steps.jsonl", "plans.jsonl", "curve.csv", "metrics.json", "trajectory.tum",
