@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib
+import logging
 import os
 import sys
 from collections.abc import Mapping
@@ -26,6 +27,8 @@ from anm_mj.utils.close_names import close_name
 if TYPE_CHECKING:
     from anm_mj.planning.policies.context import PolicyContext
     from anm_mj.protocols import Policy
+
+_logger = logging.getLogger(__name__)
 
 DEFAULT_POLICY = "gvg"
 GOALS = ("coverage", "reconstruction", "both")
@@ -74,8 +77,20 @@ _OWN: Mapping[str, PolicyEntry] = {
 
 @functools.cache
 def policies() -> Mapping[str, PolicyEntry]:
-    """All policies that have a name, those of other packages last."""
-    return {**_OWN, **{point.name: point.load() for point in entry_points(group=ENTRY_POINTS)}}
+    """All policies that have a name, those of other packages last; the log tells which of theirs cannot be used."""
+    found = dict(_OWN)
+    for point in entry_points(group=ENTRY_POINTS):
+        # What another package got wrong must not keep anybody from the policies that work.
+        try:
+            entry = point.load()
+        except (Exception, SystemExit) as err:
+            _logger.warning("Policy '%s' is left out: %s cannot be loaded (%s).", point.name, point.value, _said(err))
+            continue
+        if isinstance(entry, PolicyEntry):
+            found[point.name] = entry
+        else:
+            _logger.warning("Policy '%s' is left out: %s is no PolicyEntry.", point.name, point.value)
+    return found
 
 
 def policy_entry(name: str) -> PolicyEntry:

@@ -1,10 +1,12 @@
 import ast
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 import anm_mj
 from anm_mj.errors import PlanError
+from anm_mj.planning.policies import registry
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.planning.policies.registry import (
     DEFAULT_POLICY,
@@ -130,3 +132,22 @@ def test_what_ends_the_program_is_a_reason_too(tmp_path, monkeypatch, text, said
 def test_a_goal_that_there_is_not_is_refused():
     with pytest.raises(PlanError, match=r"no goal 'coverag' \(did you mean coverage\?\); choose one of coverage"):
         anm_mj.make_policy("gvg", footprint=BODY, goal="coverag")
+
+
+def test_a_policy_of_another_package_that_cannot_be_loaded_is_left_out(monkeypatch, caplog):
+    """It must not keep anybody from the others."""
+    points = [
+        EntryPoint("gone", "no_such_module:ENTRY", registry.ENTRY_POINTS),
+        EntryPoint("odd", "math:pi", registry.ENTRY_POINTS),
+        EntryPoint("theirs", "anm_mj.evaluation.oracle.entry:ORACLE", registry.ENTRY_POINTS),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    registry.policies.cache_clear()
+    try:
+        found = registry.policies()
+    finally:
+        registry.policies.cache_clear()
+    assert "theirs" in found
+    assert not {"gone", "odd"} & set(found)
+    assert "'gone' is left out: no_such_module:ENTRY cannot be loaded" in caplog.text
+    assert "'odd' is left out: math:pi is no PolicyEntry" in caplog.text
