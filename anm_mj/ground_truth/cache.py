@@ -23,6 +23,7 @@ from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 from anm_mj.utils.progress import Progress, unheard
 from anm_mj.utils.raycast import RayCaster, embree_installed
+from anm_mj.utils.read_file import read_npy
 
 _logger = logging.getLogger(__name__)
 
@@ -86,7 +87,8 @@ def cache_key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: Reachable
 
 def _load(path: Path, num_samples: int) -> Bool[np.ndarray, " n"] | None:
     try:
-        kept = np.load(path)
-    except (OSError, ValueError, EOFError):
+        kept = read_npy(path)
+    except (OSError, ValueError):
         return None
-    return np.unpackbits(kept)[:num_samples].astype(bool) if kept.nbytes == (num_samples + 7) // 8 else None
+    fits = kept.dtype == np.uint8 and kept.shape == ((num_samples + 7) // 8,)
+    return np.unpackbits(kept)[:num_samples].astype(bool) if fits else None

@@ -55,7 +55,7 @@ class MeshExtractor:
         With ``reuse`` it keeps what the last call found, with the same resolution, in parts of space that no frame has
         touched since. Where kept and new parts meet, seams may open by as much as the field has changed.
         """
-        if resolution_m <= 0.0:
+        if not 0.0 < resolution_m < math.inf:
             raise MapError(f"The mesh resolution is {resolution_m} m, but it must be positive; 0.05 is usual.")
         known = self._pieces if reuse and resolution_m == self._resolution_m else {}
         occupied = (self._occupancy.grid.state == OCCUPIED).transpose(2, 1, 0)

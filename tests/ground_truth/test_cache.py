@@ -68,16 +68,18 @@ def test_the_second_call_reads_the_cache(scene):
     assert len(list(cache_folder("observable").iterdir())) == 1
 
 
-def test_a_damaged_cache_file_is_replaced(scene):
+@pytest.mark.parametrize("damage", [lambda whole: whole[:100], lambda whole: b"PK\x03\x04" + whole[4:]])
+def test_a_damaged_cache_file_is_replaced(scene, damage):
     camera = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
     first = cached_ground_truth(scene, FOOTPRINT, camera, START)
     (kept,) = cache_folder("observable").iterdir()
-    kept.write_bytes(kept.read_bytes()[:100])
+    whole = kept.read_bytes()
+    kept.write_bytes(damage(whole))
 
     again = cached_ground_truth(scene, FOOTPRINT, camera, START)
 
     assert np.array_equal(first.observable, again.observable)
-    assert kept.stat().st_size > 100
+    assert kept.read_bytes() == whole
 
 
 def test_camera_and_start_are_part_of_the_key(scene):

@@ -137,9 +137,10 @@ def test_what_is_carved_away_leaves_a_kept_mesh_too(room):
     assert on_table(bare[-1]) == 0
 
 
-def test_a_resolution_of_nothing_is_refused(room, occupancy):
-    with pytest.raises(MapError, match=r"resolution is 0\.0"):
-        _extract(_exact(room), occupancy, 0.0)
+@pytest.mark.parametrize("resolution_m", [0.0, np.nan, np.inf])
+def test_a_resolution_of_nothing_is_refused(room, occupancy, resolution_m):
+    with pytest.raises(MapError, match=f"resolution is {resolution_m}"):
+        _extract(_exact(room), occupancy, resolution_m)
 
 
 def test_the_learnt_mesh_is_accurate_and_coloured(trained_map, room):
