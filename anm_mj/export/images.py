@@ -94,8 +94,7 @@ def image_intrinsics(run: Run) -> Intrinsics:
         raise RunFolderError(f"{run.folder.path} keeps no colour images; explore with --keep-images.")
     with Image.open(io.BytesIO(run.picture_bytes(first))) as image:
         width, height = image.size
-    camera, across, down = run.intrinsics, width / run.intrinsics.width, height / run.intrinsics.height
-    return Intrinsics(width, height, camera.fx * across, camera.fy * down, camera.cx * across, camera.cy * down)
+    return run.intrinsics.scaled(width, height)
 
 
 def _with_images(run: Run, folder: Path) -> Intrinsics:

@@ -150,16 +150,10 @@ def _write_run(run: Run, to: _BagMessages, on_progress: Progress) -> None:
 def _write_depth(run: Run, frame: FrameRecord, to: _BagMessages) -> None:
     depth_mm, taken = run.depth_mm(frame), frame.image_time_s
     to.write("/camera/depth/image_raw", taken, to.image(taken, CAMERA, depth_mm))
-    calibration = to.camera_info(taken, CAMERA, _depth_intrinsics(run, *depth_mm.shape))
-    to.write("/camera/depth/camera_info", taken, calibration)
-
-
-def _depth_intrinsics(run: Run, rows: int, cols: int) -> Intrinsics:
-    """Of the reduced depth, which keeps the first pixel of each block of the camera's image."""
-    camera = run.intrinsics
-    x, y = cols / camera.width, rows / camera.height
-    cx, cy = (camera.cx - 0.5) * x + 0.5, (camera.cy - 0.5) * y + 0.5
-    return Intrinsics(cols, rows, camera.fx * x, camera.fy * y, cx, cy)
+    # The reduced depth keeps the first pixel of each block of the camera's image.
+    rows, cols = depth_mm.shape
+    camera = run.intrinsics.scaled(cols, rows, first_of_block=True)
+    to.write("/camera/depth/camera_info", taken, to.camera_info(taken, CAMERA, camera))
 
 
 def _write_colour(run: Run, frame: FrameRecord, camera: Intrinsics, to: _BagMessages) -> None:

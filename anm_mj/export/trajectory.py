@@ -4,17 +4,19 @@ from pathlib import Path
 
 from anm_mj.io.read_run import Run
 from anm_mj.io.sequence_poses import camera_line
-from anm_mj.io.write import writing
+from anm_mj.io.write import reading, writing
 from anm_mj.utils.read_file import read_text
 
 
 def export_tum(run: Run, out: Path) -> list[Path]:
     """``trajectory_camera.tum`` and ``trajectory_base.tum``: ``time_s x y z qx qy qz qw`` per frame of known pose."""
     camera, base = out / "trajectory_camera.tum", out / "trajectory_base.tum"
+    with reading(run.folder.trajectory, remedy="copy the run again"):
+        believed = read_text(run.folder.trajectory)
     with writing(camera):
         lines = (camera_line(frame.image_time_s, frame.T_world_camera) for frame in run.posed_frames)
         camera.write_text("".join(f"{line}\n" for line in lines))
-        base.write_text(read_text(run.folder.trajectory))
+        base.write_text(believed)
     return [camera, base]
 
 

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from anm_mj.io.cut_mcap import CutMcap, is_cut, mended
-from anm_mj.io.sequence_text import in_number_order
+from anm_mj.io.sequence_text import files_in_order
 from anm_mj.utils.read_file import open_regular
 
 _SUFFIXES = (".bag", ".mcap", ".db3")
@@ -22,9 +22,7 @@ def files_in(folder: Path) -> list[Path]:
     """The files of a recording in a folder, in the order of their numbers: those of the first kind there is. Raises
     OSError if the folder cannot be read.
     """
-    there = [path for path in folder.iterdir() if path.suffix in _SUFFIXES]
-    kind = next((suffix for suffix in _SUFFIXES if any(path.suffix == suffix for path in there)), "")
-    return sorted((path for path in there if path.suffix == kind), key=lambda path: in_number_order(path.name))
+    return next((files for suffix in _SUFFIXES if (files := files_in_order(folder, f"*{suffix}"))), [])
 
 
 def readable_parts(path: Path) -> list[Path | CutMcap]:

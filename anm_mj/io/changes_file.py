@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import write_json
-from anm_mj.io.write import writing
+from anm_mj.io.write import reading, writing
 from anm_mj.types import SurfaceChange
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.read_file import array_of, read_npz
@@ -47,7 +46,7 @@ def read_changes(voxels: Path) -> tuple[SurfaceChange, ...]:
     """
     if not voxels.is_file():
         return ()
-    try:
+    with reading(voxels, "changes", "copy the run again"):
         arrays = read_npz(voxels)
         if "is_new" not in arrays:
             return ()
@@ -59,8 +58,6 @@ def read_changes(voxels: Path) -> tuple[SurfaceChange, ...]:
             raise ValueError(f"its voxels are {voxel_m.min():g} to {voxel_m.max():g} m wide")
         if set(number.tolist()) != set(range(len(is_new))):
             raise ValueError(f"not each of its {len(is_new)} pieces has voxels")
-    except (OSError, ValueError) as err:
-        raise RunFolderError(f"{voxels} cannot be read as changes ({err}); copy the run again.") from err
     return tuple(
         SurfaceChange(_NEW if new else _GONE, xyz_m[number == piece], float(edge_m))
         for piece, (new, edge_m) in enumerate(zip(is_new, voxel_m, strict=True))

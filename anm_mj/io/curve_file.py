@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.errors import RunFolderError
+from anm_mj.io.write import reading
 from anm_mj.utils.read_file import read_text
 
 COMPLETION_COLUMNS = ("step", "completion_ratio", "completion_cm", "observable_ratio", "path_m")
@@ -27,14 +27,16 @@ def read_curve(path: Path) -> dict[str, Float[np.ndarray, " n"]]:
     """
     if not path.is_file():
         return {name: np.zeros(0) for name in COLUMNS}
-    try:
-        return _columns(list(csv.reader(read_text(path).splitlines())))
-    except (OSError, ValueError, csv.Error) as err:
-        raise RunFolderError(f"{path} cannot be read as a curve ({err}); evaluate the run again.") from err
+    with reading(path, "a curve", "evaluate the run again"):
+        return _columns(read_text(path).splitlines())
 
 
-def _columns(lines: list[list[str]]) -> dict[str, Float[np.ndarray, " n"]]:
+def _columns(text: list[str]) -> dict[str, Float[np.ndarray, " n"]]:
     """Raises ValueError for what is no curve."""
+    try:
+        lines = list(csv.reader(text))
+    except csv.Error as err:
+        raise ValueError(str(err)) from err
     names, rows = (lines[0], lines[1:]) if lines else ([], [])
     if "step" not in names:
         raise ValueError("it has no column 'step'")

@@ -13,10 +13,10 @@ import numpy as np
 from anm_mj.errors import RunFolderError
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.sequence import require_count
-from anm_mj.io.write import writing
+from anm_mj.io.write import reading, writing
 from anm_mj.types import ExploredState
 from anm_mj.utils.files import atomic_write, write_tensors
-from anm_mj.utils.read_file import parse_json, read_tensors
+from anm_mj.utils.read_file import array_of, parse_json, read_tensors
 
 FORMAT = "anm-mj explored 1"
 """Marks such a file, and its version."""
@@ -52,28 +52,23 @@ def read_explored(path: Path) -> Explored:
             f"{path.parent} has no {path.name}, without which no run goes on from it: it was killed (anm-mj explore "
             "--resume ends it), it recorded none (record.replay_bytes=0), or an older version wrote it."
         )
-    try:
+    with reading(path, remedy="explore again"):
         facts, arrays = read_tensors(path)
         about = parse_json(facts.get(_KEY, "{}"))
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise ValueError(f"it does not say that it is {FORMAT!r}")
         prior = ExploredState(
-            str(about.get("policy", "")), _poses(arrays["poses"]), _poses(arrays["refused"]), _part(arrays, _MEMORY)
+            str(about.get("policy", "")), _poses(arrays, "poses"), _poses(arrays, "refused"), _part(arrays, _MEMORY)
         )
         return Explored(prior, _part(arrays, _REPLAY))
-    except KeyError as err:
-        raise RunFolderError(f"{path} cannot be read: it lacks {err}; explore again.") from err
-    except (OSError, ValueError) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}); explore again.") from err
 
 
 def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
 
-def _poses(array: np.ndarray) -> np.ndarray:
-    if array.dtype.kind != "f" or array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-        raise ValueError(f"poses have type {array.dtype} and shape {array.shape}, or are not finite")
+def _poses(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
+    array = array_of(arrays, name, "f", (None, 3))
     if np.abs(array).max(initial=0.0) > FARTHEST_M:
         raise ValueError(f"a pose lies beyond {FARTHEST_M / 1000:g} km")
     require_count(len(array))

@@ -10,7 +10,7 @@ from typing import Any
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import to_json
-from anm_mj.io.write import writing
+from anm_mj.io.write import reading, writing
 from anm_mj.utils.read_file import parse_json, read_bytes
 
 
@@ -67,10 +67,8 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
     """All complete lines of a file; an incomplete last line, as a killed run leaves it, is skipped. Raises
     RunFolderError if the file cannot be read, or a line before the last is not JSON.
     """
-    try:
+    with reading(path, remedy="copy the run again"):
         lines = read_bytes(path).decode("utf-8", errors="replace").split("\n")
-    except (OSError, ValueError) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
     values = []
     for number, line in enumerate(lines, start=1):
         try:

@@ -8,11 +8,11 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.first_image import first_shape
+from anm_mj.io.image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count
-from anm_mj.io.sequence_text import in_number_order, number_rows, rows
+from anm_mj.io.sequence_text import files_in_order, number_rows, rows
 from anm_mj.utils.read_file import convert
 
 _UNIT_M = 0.001
@@ -28,10 +28,10 @@ def read_seven_scenes(folder: Path) -> Sequence:
     """The frames ``frame-000000.color.png``, ``.depth.png`` and ``.pose.txt``. Raises OSError, ValueError or
     RunFolderError if a pose is damaged, or no depth image can be read.
     """
-    named = {path.name.removesuffix(".depth.png"): path for path in folder.glob("frame-*.depth.png")}
-    frames, left_out = _frames(
-        folder, [(folder / f"{name}.color.png", named[name], folder / f"{name}.pose.txt") for name in sorted(named)]
-    )
+    names = [path.name.removesuffix(".depth.png") for path in files_in_order(folder, "frame-*.depth.png")]
+    kinds = ("color.png", "depth.png", "pose.txt")
+    files = [tuple(folder / f"{name}.{kind}" for kind in kinds) for name in names]
+    frames, left_out = _frames(folder, files)
     camera = from_pixel_centres(*_size(folder, frames), _KINECT)
     return Sequence(folder, camera, _UNIT_M, frames, resize=True, assumes_camera=True, left_out=(left_out,))
 
@@ -43,8 +43,8 @@ def read_scannet(folder: Path) -> Sequence:
     matrix = number_rows(folder / "intrinsic" / "intrinsic_depth.txt")
     if matrix.shape not in ((3, 3), (4, 4)):
         raise ValueError(f"intrinsic_depth.txt holds {matrix.shape} numbers, not 4 x 4")
-    colours = {path.stem: path for path in (folder / "color").glob("*")}
-    depths = sorted((folder / "depth").glob("*.png"), key=lambda path: in_number_order(path.stem))
+    colours = {path.stem: path for path in files_in_order(folder / "color", "*")}
+    depths = files_in_order(folder / "depth", "*.png")
     frames, left_out = _frames(
         folder,
         [(colours.get(path.stem, folder / "color"), path, folder / "pose" / f"{path.stem}.txt") for path in depths],
@@ -81,8 +81,7 @@ def read_open3d(folder: Path) -> Sequence:
     require_count(len(poses))
     place = next((folder / name for name in ("color", "image", "rgb") if (folder / name).is_dir()), folder / "color")
     colours, depths = (
-        sorted((path for path in one.iterdir() if path.is_file()), key=lambda path: in_number_order(path.name))
-        for one in (place, folder / "depth")
+        [path for path in files_in_order(one, "*") if path.is_file()] for one in (place, folder / "depth")
     )
     count = max(len(colours), len(depths), len(poses))
     frames = tuple(
@@ -96,7 +95,7 @@ def read_open3d(folder: Path) -> Sequence:
     )
     if not frames:
         raise RunFolderError(f"{folder} holds no frame that has colour, depth and a pose.")
-    stated = sorted(folder.glob("*intrinsic*.json"))
+    stated = files_in_order(folder, "*intrinsic*.json")
     if not stated:
         camera = from_pixel_centres(*_size(folder, frames), _PRIMESENSE)
         return Sequence(folder, camera, _UNIT_M, frames, resize=True, assumes_camera=True, left_out=(left_out,))
@@ -106,7 +105,7 @@ def read_open3d(folder: Path) -> Sequence:
     return Sequence(folder, camera, 1.0 / said.depth_scale, frames, resize=True, left_out=(left_out,))
 
 
-def _frames(folder: Path, files: list[tuple[Path, Path, Path]]) -> tuple[tuple[Frame, ...], LeftOut]:
+def _frames(folder: Path, files: list[tuple[Path, ...]]) -> tuple[tuple[Frame, ...], LeftOut]:
     """Frames of colour, depth and pose; those without one of these files are left out."""
     require_count(len(files))
     whole = [(index, *each) for index, each in enumerate(files) if all(path.is_file() for path in each)]

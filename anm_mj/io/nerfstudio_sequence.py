@@ -10,9 +10,9 @@ from msgspec import Meta, Struct
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV
 from anm_mj.geometry.lens_distortion import EQUIDISTANT, LensDistortion
-from anm_mj.io.first_image import first_shape
+from anm_mj.io.image import first_shape
 from anm_mj.io.read_run import read_json
-from anm_mj.io.run_shapes import Number
+from anm_mj.io.run_shapes import Number, Row
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count, with_cameras
 from anm_mj.io.sequence_text import in_number_order, with_slashes
 from anm_mj.types import Intrinsics
@@ -33,15 +33,9 @@ _UNIT_M = 0.001
 
 class _TransformsFrame(Struct):
     file_path: str
-    transform_matrix: list[tuple[Number, Number, Number, Number]]
+    transform_matrix: tuple[Row, Row, Row, Row]
     depth_file_path: str | None = None
     time: Number = 0.0
-    w: int | None = None
-    h: int | None = None
-    fl_x: Number | None = None
-    fl_y: Number | None = None
-    cx: Number | None = None
-    cy: Number | None = None
 
 
 class _Transforms(Struct):

@@ -21,10 +21,11 @@ from anm_mj.io.run_folder import empty_folder
 from anm_mj.io.run_shapes import IntrinsicsShape
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count
 from anm_mj.io.sequence_poses import bridged, camera_line, tum_matrix
+from anm_mj.io.sequence_text import files_in_order, number_rows
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation
-from anm_mj.utils.read_file import convert, read_json, read_table
+from anm_mj.utils.read_file import convert, read_json
 
 _DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
@@ -35,11 +36,11 @@ def read_sequence(path: Path, *, needs_poses: bool = True, ignores_poses: bool =
     images without a line are left out; else gaps between poses are interpolated. With ``ignores_poses`` the lines tell
     times alone. Raises RunFolderError if camera.json or poses.tum is missing or invalid.
     """
-    images = sum(1 for _ in (path / "rgb").glob("*.png"))
+    images = len(files_in_order(path / "rgb", "*.png")) if (path / "rgb").is_dir() else 0
     try:
         camera = convert(read_json(path / "camera.json"), _CameraShape)
         is_posed = needs_poses or (path / "poses.tum").is_file()
-        lines = read_table(path / "poses.tum") if is_posed else np.zeros((0, 8))
+        lines = number_rows(path / "poses.tum") if is_posed else np.zeros((0, 8))
         if lines.shape[1] != 8:
             raise ValueError("poses.tum needs eight numbers in every line")
         if not needs_poses:

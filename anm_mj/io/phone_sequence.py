@@ -11,12 +11,12 @@ import numpy as np
 from msgspec import Meta, Struct, defstruct
 
 from anm_mj.frames import T_GL_CV
-from anm_mj.io.first_image import first_shape
+from anm_mj.io.image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count, with_cameras
 from anm_mj.io.sequence_poses import tum_matrix
-from anm_mj.io.sequence_text import in_number_order, number_rows, seconds
+from anm_mj.io.sequence_text import files_in_order, number_rows, seconds
 from anm_mj.io.video_frames import VideoFrames, video_size
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import convert
@@ -28,9 +28,7 @@ def read_stray(folder: Path) -> Sequence:
     """Stray Scanner: ``odometry.csv``, ``camera_matrix.csv``, ``depth/``, ``confidence/``, ``rgb/`` or ``rgb.mp4``.
     Raises OSError, ValueError or RunFolderError if a table or the video is missing or damaged, or no image can be read.
     """
-    lines = number_rows(folder / "odometry.csv")
-    if lines.shape[1] not in (9, 13):
-        raise ValueError(f"the lines of odometry.csv hold {lines.shape[1]} numbers, not 9 or 13")
+    lines = number_rows(folder / "odometry.csv", 9, 13)
     if not (np.abs(lines[:, 1]) < 1e9).all():
         raise ValueError("odometry.csv holds frame numbers that are none")
     matrix = number_rows(folder / "camera_matrix.csv")
@@ -73,8 +71,8 @@ def read_polycam(folder: Path) -> Sequence:
     ValueError or RunFolderError if a camera is damaged, or no frame is whole.
     """
     place = folder / "keyframes"
-    prefix = "corrected_" if any((place / "corrected_cameras").glob("*.json")) else ""
-    files = sorted((place / f"{prefix}cameras").glob("*.json"), key=lambda path: in_number_order(path.stem))
+    prefix = "corrected_" if any((place / "corrected_cameras").glob("[!.]*.json")) else ""
+    files = files_in_order(place / f"{prefix}cameras", "*.json")
     require_count(len(files))
     frames, cameras = [], []
     times = seconds([float(path.stem) for path in files])

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.errors import RunFolderError
-from anm_mj.io.write import writing
+from anm_mj.io.write import reading, writing
 from anm_mj.types import Plan, Region, TopDownMap, VoronoiGraph
 from anm_mj.utils.file_limits import MAX_CELLS
 from anm_mj.utils.files import atomic_write
@@ -60,13 +59,11 @@ def read_plan(path: Path) -> Plan:
     """Read what :func:`write_plan` wrote: a plan without its reason, and all else that is not in the file. Raises
     RunFolderError if the file is missing or holds something else.
     """
-    try:
+    with reading(path, "a decision", "copy the run again"):
         arrays = read_npz(path)
         path_xy_m = array_of(arrays, "path_xy_m", "f", (None, 2)).astype(np.float64)
         graph = _graph(arrays)
         return Plan("", path_xy_m, topdown=_topdown(arrays), graph=graph, regions=tuple(_regions(arrays, graph)))
-    except (OSError, ValueError) as err:
-        raise RunFolderError(f"{path} cannot be read as a decision ({err}); copy the run again.") from err
 
 
 def _topdown(arrays: dict[str, np.ndarray]) -> TopDownMap | None:

@@ -2,13 +2,15 @@
 
 import logging
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.camera_checks import FARTHEST_M, check_camera, check_time, no_poses
-from anm_mj.io.sequence import LeftOut, Sequence, ranges_text, require_below
+from anm_mj.io.image import require_below
+from anm_mj.io.sequence import LeftOut, Sequence, ranges_text
 
 _ASSUMED_SIZE = (640, 480)
 """Of the images of the TUM data set [px]."""
@@ -49,10 +51,7 @@ def say_assumed_unit(sequence: Sequence) -> None:
 
 def with_poses_alone(sequence: Sequence) -> Sequence:
     """The frames whose pose can be one; all of them where too many have none."""
-    shapes = {np.shape(frame.T_world_camera) for frame in sequence.frames}
-    if shapes != {(4, 4)}:
-        return sequence
-    wrong = no_poses(np.array([frame.T_world_camera for frame in sequence.frames]))
+    wrong = no_poses(np.array([frame.T_world_camera for frame in sequence.frames]).reshape(-1, 4, 4))
     count = int(np.count_nonzero(wrong))
     if not 0 < count <= sequence.max_bad * len(wrong):
         return sequence
@@ -93,9 +92,6 @@ def check_sequence(sequence: Sequence) -> None:
         raise RunFolderError(
             f"A unit of depth is {sequence.depth_unit_m:g} m in {path}; give the true one by --depth-unit."
         )
-    shapes = {np.shape(frame.T_world_camera) for frame in sequence.frames}
-    if shapes != {(4, 4)}:
-        raise RunFolderError(f"Poses of {path} are matrices of {sorted(shapes)} numbers, not of 4 x 4.")
     poses = np.array([frame.T_world_camera for frame in sequence.frames])
     wrong = no_poses(poses)
     if wrong.any():
@@ -120,7 +116,8 @@ def check_sequence(sequence: Sequence) -> None:
             times[at],
             times[at + 1],
         )
-    require_below(path, sequence.frames)
+    images = ((frame.colour, frame.depth, frame.confidence) for frame in sequence.frames)
+    require_below(path, chain.from_iterable(images))
 
 
 def check_heights(sequence: Sequence, floor_m: float) -> None:

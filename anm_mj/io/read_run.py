@@ -20,6 +20,7 @@ from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
+from anm_mj.io.write import reading
 from anm_mj.types import Action, Footprint, Intrinsics, Pose2
 from anm_mj.utils import read_file
 from anm_mj.utils.picture import open_picture
@@ -82,13 +83,11 @@ class Run:
         """
         if not is_below(path, self.folder.path):
             raise RunFolderError(f"{path} leads out of the run's folder; copy the run again.")
-        try:
+        with reading(path, remedy="copy the run again"):
             with open_picture(path) as picture:
                 # A damaged one is found here, not by whoever reads the copy.
                 picture.load()
             return read_bytes(path)
-        except (OSError, ValueError) as err:
-            raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
 
 
 def read_run(path: Path) -> Run:
@@ -120,10 +119,8 @@ def read_run(path: Path) -> Run:
 
 def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file. Raises RunFolderError if it cannot be read, or contains something else."""
-    try:
+    with reading(path, remedy="copy the run again"):
         value = read_file.read_json(path)
-    except (OSError, ValueError) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
     if not isinstance(value, dict):
         raise RunFolderError(f"{path} holds {type(value).__name__} where an object should stand; copy the run again.")
     return value

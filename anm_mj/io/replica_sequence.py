@@ -11,7 +11,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres
-from anm_mj.io.sequence_text import in_number_order, number_rows
+from anm_mj.io.sequence_text import files_in_order, in_number_order, number_rows
 from anm_mj.utils.read_file import convert
 
 
@@ -35,17 +35,16 @@ def read_replica(folder: Path) -> Sequence:
     """
     poses = _poses(folder / "traj.txt")
     images = folder / "results" if (folder / "results").is_dir() else folder
-    colour, depth = (
-        sorted(images.glob(pattern), key=lambda path: in_number_order(path.stem))
-        for pattern in ("frame*.jpg" if any(images.glob("frame*.jpg")) else "frame*.png", "depth*")
-    )
+    colour = files_in_order(images, "frame*.jpg") or files_in_order(images, "frame*.png")
     beside = [place / "cam_params.json" for place in (folder, folder.parent)]
     stated = next((read_json(path) for path in beside if path.is_file()), None)
     if stated is None:
         raise RunFolderError(f"{folder} has no cam_params.json, neither in it nor beside it.")
     facts = convert(stated, _ReplicaParameters).camera
     camera = from_pixel_centres(facts.w, facts.h, (facts.fx, facts.fy, facts.cx, facts.cy))
-    coloured, measured = ({_number(path): path for path in images} for images in (colour, depth))
+    coloured, measured = (
+        {_number(path): path for path in files} for files in (colour, files_in_order(images, "depth*"))
+    )
     numbers = sorted(coloured.keys() | measured.keys())
     # Where numbers are missing, the count of poses says whether they have one.
     by_number = bool(numbers) and numbers[-1] - numbers[0] + 1 == len(poses)
@@ -72,10 +71,8 @@ def _number(path: Path) -> int:
 
 
 def _poses(path: Path) -> Float[np.ndarray, "n 4 4"]:
-    """Matrices of 16 numbers, or of the upper 12 as KITTI writes them."""
-    lines = number_rows(path)
+    """Matrices of 16 numbers, in one line or in four, or of the upper 12 as KITTI writes them."""
+    lines = number_rows(path, 16, 12, 4)
     if lines.shape[1] == 12:
         lines = np.hstack([lines, np.tile([0.0, 0.0, 0.0, 1.0], (len(lines), 1))])
-    if lines.shape[1] not in (4, 16):
-        raise ValueError(f"the lines of {path.name} hold {lines.shape[1]} numbers, not 16 or 12")
     return lines.reshape(-1, 4, 4)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -21,11 +21,10 @@ from anm_mj.frames import pixel_directions
 from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.bag_poses import GAP_S
 from anm_mj.io.camera_checks import FARTHEST_M, check_camera
-from anm_mj.io.image import is_sentinel, read_exr, read_image
+from anm_mj.io.image import is_sentinel, read_image, read_pixels
 from anm_mj.io.sequence_poses import MATCH_S, base_pose
 from anm_mj.types import Intrinsics, Observation
 from anm_mj.utils.file_limits import limit
-from anm_mj.utils.read_file import is_below, read_npy
 
 _logger = logging.getLogger(__name__)
 
@@ -154,7 +153,9 @@ class Sequence:
             self._check_shape(step, rgb.shape[:2], depth_m.shape)
             rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
             rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
-            camera, own = self._scaled(camera, cols, rows), None if own is None else self._scaled(own, cols, rows)
+            at_corner = self.keeps_corner_pixels
+            camera = camera.scaled(cols, rows, first_of_block=at_corner)
+            own = None if own is None else own.scaled(cols, rows, first_of_block=at_corner)
         expected = (camera.height, camera.width)
         if depth_m.shape != expected or rgb.shape[:2] != expected:
             raise RunFolderError(
@@ -221,12 +222,6 @@ class Sequence:
         )
         return np.ascontiguousarray(image[np.ix_(row, col)])
 
-    def _scaled(self, camera: Intrinsics, width: int, height: int) -> Intrinsics:
-        x, y = width / camera.width, height / camera.height
-        # The first pixel of a block has its centre half a pixel of the larger image from the block's corner.
-        u, v = (0.5 * (1.0 - x), 0.5 * (1.0 - y)) if self.keeps_corner_pixels else (0.0, 0.0)
-        return Intrinsics(width, height, camera.fx * x, camera.fy * y, camera.cx * x + u, camera.cy * y + v)
-
     def _metres(self, stated: np.ndarray) -> Float32[np.ndarray, "..."]:
         """Depth as a file states it, in metres; NaN where a whole number is that of "nothing measured"."""
         # Floating point is in metres.
@@ -236,20 +231,7 @@ class Sequence:
         return np.where(is_sentinel(stated), np.float32(np.nan), depth_m)
 
     def _depth_m(self, path: Path | Callable[[], Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
-        if not isinstance(path, Path):
-            depth_m = path()
-        elif path.suffix == ".npy":
-            try:
-                depth_m = read_npy(path)
-                if depth_m.dtype.kind not in "fiu":
-                    raise ValueError(f"it holds {depth_m.dtype}, which is no depth")
-                depth_m = self._metres(depth_m)
-            except (OSError, ValueError) as err:
-                raise RunFolderError(f"{path} cannot be read ({err}).") from err
-        elif path.suffix == ".exr":
-            depth_m = self._metres(read_exr(path))
-        else:
-            depth_m = self._metres(read_image(path))
+        depth_m = self._metres(read_pixels(path)) if isinstance(path, Path) else path()
         if depth_m.ndim != 2:
             raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
         # Damaged floats are next to 0, too; the inverse of those is none.
@@ -319,14 +301,6 @@ def with_cameras(frames: list[Frame], cameras: list[Intrinsics]) -> tuple[Intrin
     common = Intrinsics(int(width), int(height), *median[2:].tolist())
     each = zip(frames, cameras, own.tolist(), strict=True)
     return common, tuple(replace(frame, camera=camera) if differs else frame for frame, camera, differs in each)
-
-
-def require_below(folder: Path, frames: Iterable[Frame]) -> None:
-    """Raises RunFolderError where an image lies outside of a sequence's folder."""
-    for frame in frames:
-        for file in (frame.colour, frame.depth, frame.confidence):
-            if isinstance(file, Path) and not is_below(file, folder):
-                raise RunFolderError(f"{folder} names {file}, which lies outside of it; copy the image there.")
 
 
 def require_count(frames: int) -> None:

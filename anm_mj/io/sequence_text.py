@@ -1,7 +1,9 @@
 """Reads the lists and tables beside the images of a sequence, as programs and editors write them."""
 
+import fnmatch
 import logging
 import math
+import os
 import re
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
@@ -29,16 +31,21 @@ def rows(path: Path) -> Iterator[str]:
             yield said
 
 
-def number_rows(path: Path) -> Float[np.ndarray, "n columns"]:
+def number_rows(path: Path, *columns: int) -> Float[np.ndarray, "n columns"]:
     """The rows of a table of numbers between blanks or commas; a first line of words is its header. Raises OSError or
-    ValueError if the file cannot be read, holds something else, or its rows differ in length.
+    ValueError if the file cannot be read, holds something else, its rows differ in length, or it has another number of
+    ``columns`` than one of these.
     """
     lines = [line.replace(",", " ").replace(";", " ").split() for line in rows(path)]
     if lines and not any(_is_number(word) for word in lines[0]):
         del lines[0]
     if len({len(line) for line in lines}) > 1:
         raise ValueError(f"the lines of {path.name} hold different counts of numbers")
-    return np.array([[float(word) for word in line] for line in lines]).reshape(len(lines), -1 if lines else 0)
+    table = np.array([[float(word) for word in line] for line in lines]).reshape(len(lines), -1 if lines else 0)
+    if columns and table.shape[1] not in columns:
+        wanted = " or ".join(map(str, columns))
+        raise ValueError(f"the lines of {path.name} hold {table.shape[1]} numbers, not {wanted}")
+    return table
 
 
 def seconds(times: Sequence[float]) -> list[float]:
@@ -56,11 +63,9 @@ def pose_rows(path: Path) -> list[Float[np.ndarray, "8"]]:
     """Times [s], positions [m] and quaternions of a file of TUM, by time. Lines of nan, or with a quaternion of zeros,
     are left out, with a warning. Raises OSError or ValueError if the file cannot be read, or holds something else.
     """
-    lines = number_rows(path)
+    lines = number_rows(path, 8, 0)
     if not len(lines):
         return []
-    if lines.shape[1] != 8:
-        raise ValueError(f"the lines of {path.name} hold {lines.shape[1]} numbers, not 8")
     good = np.isfinite(lines).all(axis=1) & lines[:, 4:].any(axis=1)
     if not good.all():
         _logger.warning(
@@ -78,6 +83,15 @@ def pose_rows(path: Path) -> list[Float[np.ndarray, "8"]]:
 def in_number_order(name: str) -> list[str | int]:
     """Key that sorts ``frame2`` before ``frame10``."""
     return [int(part) if part.isdigit() else part for part in _NUMBER.split(name)]
+
+
+def files_in_order(folder: Path, pattern: str) -> list[Path]:
+    """The files of a folder that a pattern names, in the order of their numbers, without hidden ones: macOS puts a file
+    ``._NAME`` beside each that it copies to a disk of another system. Raises OSError if there is no such folder.
+    """
+    names = fnmatch.filter(os.listdir(folder), pattern)
+    files = (folder / name for name in sorted(names) if not name.startswith("."))
+    return sorted(files, key=lambda path: in_number_order(path.stem))
 
 
 def with_slashes(name: str) -> str:

@@ -10,7 +10,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_poses import Track
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count, with_cameras
 from anm_mj.io.sequence_poses import nearest_index
-from anm_mj.io.sequence_text import number_rows, rows, with_slashes
+from anm_mj.io.sequence_text import files_in_order, number_rows, rows, with_slashes
 from anm_mj.types import Intrinsics
 
 _ICL_CAMERA = (481.2, 480.0, 319.5, 239.5)
@@ -24,9 +24,7 @@ def read_arkitscenes(folder: Path, *, match_s: float, max_gap_s: float, ignores_
     two that lie no farther apart than ``max_gap_s``, or all at the origin where it ``ignores_poses``. Raises OSError,
     ValueError or RunFolderError if the poses or a camera are damaged, or no frame is whole.
     """
-    lines = number_rows(folder / "lowres_wide.traj")
-    if lines.shape[1] != 7:
-        raise ValueError(f"the lines of lowres_wide.traj hold {lines.shape[1]} numbers, not 7")
+    lines = number_rows(folder / "lowres_wide.traj", 7)
     # Stated is where the world is in the camera.
     camera_world = Rotation.from_rotvec(lines[:, 1:4]).inv()
     poses = np.concatenate([-camera_world.apply(lines[:, 4:]), camera_world.as_quat()], axis=1)
@@ -67,9 +65,7 @@ def read_icl(folder: Path, *, max_gap_s: float, ignores_poses: bool = False) -> 
     lie no farther apart than ``max_gap_s``, or all at the origin where it ``ignores_poses``. Raises OSError, ValueError
     or RunFolderError if a list is damaged, or no frame is whole.
     """
-    lines = number_rows(sorted(folder.glob("*.gt.freiburg"))[0])
-    if lines.shape[1] != 8:
-        raise ValueError(f"the poses hold {lines.shape[1]} numbers, not 8")
+    lines = number_rows(files_in_order(folder, "*.gt.freiburg")[0], 8)
     track = Track("the poses", (lines[:, 0] * FRAME_S).tolist(), list(lines[:, 1:]), gap_s=max_gap_s)
     mirror, flip = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
     listed = [line.split() for line in rows(folder / "associations.txt")]
@@ -89,7 +85,8 @@ def read_icl(folder: Path, *, max_gap_s: float, ignores_poses: bool = False) -> 
 
 def _by_time(folder: Path, suffix: str) -> dict[float, Path]:
     """Files by the time at the end of their names, in order."""
-    return dict(sorted((float(path.stem.rpartition("_")[2]), path) for path in folder.glob(f"*{suffix}")))
+    files = files_in_order(folder, f"*{suffix}")
+    return dict(sorted((float(path.stem.rpartition("_")[2]), path) for path in files))
 
 
 def _near(files: Mapping[float, Path], time_s: float, match_s: float) -> Path | None:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_poses import GAP_S, Track
-from anm_mj.io.first_image import first_shape
+from anm_mj.io.image import first_shape
 from anm_mj.io.sequence import Frame, LeftOut, Sequence, from_pixel_centres, require_count
 from anm_mj.io.sequence_poses import MATCH_S, bridged, nearest_index, tum_matrix
 from anm_mj.io.sequence_text import number_rows, pose_rows, rows, seconds, with_slashes

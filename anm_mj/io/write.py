@@ -1,4 +1,4 @@
-"""Errors of writing a run folder, as one sentence that names the file."""
+"""Errors of reading and writing files of runs and sequences, as one sentence that names the file."""
 
 import errno
 from collections.abc import Iterator
@@ -6,6 +6,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from anm_mj.errors import RunFolderError
+
+
+@contextmanager
+def reading(path: Path, kind: str = "", remedy: str = "copy it again") -> Iterator[None]:
+    """Turn errors of the system, and what readers say of a damaged file, into a :class:`RunFolderError` that names
+    ``path``, the ``kind`` of content that it should have, and the ``remedy``.
+    """
+    try:
+        yield
+    except (OSError, ValueError) as err:
+        raise RunFolderError(f"{path} cannot be read{kind and f' as {kind}'} ({err}); {remedy}.") from err
 
 
 @contextmanager

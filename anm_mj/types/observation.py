@@ -47,6 +47,15 @@ class Intrinsics:
         f = height / 2.0 / math.tan(fov_y_rad / 2.0)
         return cls(width, height, f, f, width / 2.0, height / 2.0)
 
+    def scaled(self, width: int, height: int, *, first_of_block: bool = False) -> Intrinsics:
+        """Those of the same image at another size [px]. ``first_of_block``: each pixel of the smaller image is the
+        first of its block of the larger one instead of the block's mean or middle.
+        """
+        x, y = width / self.width, height / self.height
+        # The first pixel of a block has its centre half a pixel of the larger image from the block's corner.
+        u, v = (0.5 * (1.0 - x), 0.5 * (1.0 - y)) if first_of_block else (0.0, 0.0)
+        return Intrinsics(width, height, self.fx * x, self.fy * y, self.cx * x + u, self.cy * y + v)
+
 
 @dataclass(frozen=True)
 class Pose2:

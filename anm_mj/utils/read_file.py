@@ -4,7 +4,6 @@ Every function raises ``OSError`` or ``ValueError`` alone, so that a reader turn
 """
 
 import errno
-import io
 import json
 import os
 import stat
@@ -170,13 +169,6 @@ def array_of(arrays: dict[str, np.ndarray], name: str, kinds: str, shape: tuple[
     if not np.isfinite(array).all():
         raise ValueError(f"{name} is not finite")
     return array
-
-
-def read_table(path: Path) -> np.ndarray:
-    """The rows of a text file of numbers, as ``numpy.loadtxt`` reads them. Raises OSError or ValueError as
-    :func:`read_text`, or if it holds something else.
-    """
-    return np.loadtxt(io.StringIO(read_text(path)), ndmin=2)
 
 
 def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:

@@ -422,6 +422,15 @@ def test_a_damaged_picture_is_not_copied(run_folder, tmp_path, capsys):
     assert "depth/000000.png" in said
 
 
+def test_a_trajectory_that_is_gone_is_no_folder_to_choose_anew(run_folder, tmp_path, capsys):
+    shutil.copytree(run_folder, tmp_path / "run")
+    (tmp_path / "run" / "trajectory.tum").unlink()
+    assert main(["export", str(tmp_path / "run"), "--format", "tum", "--out", str(tmp_path / "out")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "trajectory.tum cannot be read" in said
+    assert "copy the run again" in said
+
+
 def lines_of(path):
     return [line for line in path.read_text().split("\n")[:-1] if not line.startswith("#")]
 

@@ -12,6 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.bag_files import files_in
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.types import Intrinsics
 from tests.box_room import room_depth
@@ -22,8 +23,10 @@ from tests.recorded.layouts import (
     write_icl,
     write_nerfstudio,
     write_open3d,
+    write_ours,
     write_polycam,
     write_record3d,
+    write_scannet,
     write_stray,
     write_tum,
 )
@@ -54,6 +57,27 @@ def test_a_layout_is_recognised_and_its_pixels_lie_on_the_walls(tmp_path, layout
     sequence, found = open_sequence(write(tmp_path, layout), SequenceOptions(floor_m=floor_m))
     assert found == layout
     assert_as_written(sequence, mirrored=layout == "icl", in_first_camera=layout == "open3d")
+
+
+def hide_files_beside(folder):
+    """As macOS does on a disk of another system."""
+    for path in [path for path in folder.rglob("*") if path.is_file()]:
+        path.with_name(f"._{path.name}").write_bytes(b"\x00\x05\x16\x07Mac OS X")
+
+
+@pytest.mark.parametrize("write_layout", [write_polycam, write_scannet, write_open3d, write_ours, write_arkitscenes])
+def test_hidden_files_are_no_frames(tmp_path, write_layout):
+    write_layout(tmp_path, WALK)
+    hide_files_beside(tmp_path)
+    sequence, _ = open_sequence(tmp_path, SequenceOptions(max_bad=0.0))
+    assert len(list(sequence.observations())) == len(WALK)
+
+
+def test_hidden_files_are_no_parts_of_a_bag(tmp_path):
+    for name in ("walk_10.mcap", "walk_2.mcap"):
+        (tmp_path / name).touch()
+    hide_files_beside(tmp_path)
+    assert [path.name for path in files_in(tmp_path)] == ["walk_2.mcap", "walk_10.mcap"]
 
 
 def assert_as_written(sequence, *, walk=WALK, mirrored=False, in_first_camera=False):

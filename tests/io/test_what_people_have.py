@@ -133,6 +133,12 @@ def an_angle_alone(facts):
     facts["camera_angle_x"] = 2.0 * math.atan(0.5 * CAMERA.width / CAMERA.fx)
 
 
+def sizes_with_a_point(facts):
+    for frame in facts["frames"]:
+        frame |= {"w": float(facts["w"]), "h": float(facts["h"])}
+    del facts["w"], facts["h"]
+
+
 def windows(facts):
     for frame in facts["frames"]:
         frame["file_path"] = frame["file_path"].replace("/", "\\")
@@ -140,7 +146,13 @@ def windows(facts):
 
 @pytest.mark.parametrize(
     ("change", "frames"),
-    [(without_one_depth, 5), (slightly_different_cameras, 6), (an_angle_alone, 6), (windows, 6)],
+    [
+        (without_one_depth, 5),
+        (slightly_different_cameras, 6),
+        (an_angle_alone, 6),
+        (sizes_with_a_point, 6),
+        (windows, 6),
+    ],
 )
 def test_a_transforms_json_of_phones_and_renderers(tmp_path, change, frames):
     write_nerfstudio(tmp_path)
