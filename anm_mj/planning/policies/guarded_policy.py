@@ -13,6 +13,7 @@ import numpy as np
 
 from anm_mj.control.path_follower import Follower
 from anm_mj.errors import AnmError, PlanError
+from anm_mj.geometry.triangles import FARTHEST_M
 from anm_mj.protocols import Continues, Mapper, Policy
 from anm_mj.types import (
     Action,
@@ -58,11 +59,13 @@ class GuardedPolicy:
         return self._fault is not None
 
     def memory(self) -> dict[str, np.ndarray]:
-        """What the policy has found out beside the map; nothing where it does not say, or has failed."""
+        """What the policy has found out beside the map, as far as it is arrays of numbers; nothing where it does not
+        say, or has failed.
+        """
         found = self._call("memory", None, self._policy.memory) if isinstance(self._policy, Continues) else None
         if not isinstance(found, dict):
             return {}
-        return {str(name): value for name, value in found.items() if isinstance(value, np.ndarray)}
+        return {str(name): value for name, value in found.items() if _is_storable(value)}
 
     def continue_from(self, prior: ExploredState, mapper: Mapper) -> None:
         """Let the policy take over a prior run, if it can; a fault shows at the first decision."""
@@ -135,8 +138,8 @@ def plan_fault(plan: Any, pose: Pose2) -> str | None:
         return f"path_xy_m is of type {type(path).__name__}, not an array"
     if path.dtype.kind not in "fiu" or path.ndim != 2 or path.shape[1] != 2:
         return f"path_xy_m has shape {path.shape} and type {path.dtype}, not (k, 2) and numbers"
-    if not np.isfinite(path).all():
-        return "path_xy_m holds places that are not finite"
+    if not (np.abs(path) <= FARTHEST_M).all():
+        return f"path_xy_m holds places that are not finite, or farther than {FARTHEST_M:g} m"
     try:
         finite = isinstance(plan.headings_rad, (tuple, list)) and bool(
             np.isfinite([*map(float, plan.headings_rad)]).all()
@@ -178,9 +181,22 @@ def _logged_fault(plan: Plan) -> str | None:
         some = getattr(plan, name)
         if not isinstance(some, (tuple, list)) or not all(isinstance(each, kind) for each in some):
             return f"{name} is {reprlib.repr(some)}, not a tuple of anm_mj.types.{kind.__name__}"
+    for region in plan.regions:
+        try:
+            parts = [*region.centre_m, *region.normal, region.num_members, region.score, region.vertex]
+            numbers = np.array(parts, float)
+        except (TypeError, ValueError):
+            numbers = np.zeros(0)
+        if numbers.shape != (9,) or not (np.abs(numbers) <= FARTHEST_M).all():
+            return f"regions holds {reprlib.repr(region)}, not a place and a normal of three numbers each, and numbers"
     if not isinstance(plan.stage_ms, dict):
         return f"stage_ms is {reprlib.repr(plan.stage_ms)}, not milliseconds by the name of a stage"
     return None
+
+
+def _is_storable(value: Any) -> bool:
+    """Whether a value is an array that the file of a prior run can hold."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in "bfiu" and value.dtype.itemsize <= 8
 
 
 def _is_count(value: Any) -> bool:

@@ -11,7 +11,7 @@ from anm_mj.checkpoint.known_classes import attributes_of
 from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, Candidate, Plan, Pose2, StopReason, TargetOutcome, TopDownMap, VoronoiGraph
+from anm_mj.types import Action, Candidate, Plan, Pose2, Region, StopReason, TargetOutcome, TopDownMap, VoronoiGraph
 from tests.box_room import observe
 
 HERE = Pose2(0.5, 0.5, 0.0)
@@ -19,6 +19,7 @@ NOWHERE = np.zeros((0, 2))
 TOPDOWN = TopDownMap(np.ones((2, 2), np.float32), np.zeros((2, 2), np.int8), 0.05, np.zeros(2))
 GRAPH = VoronoiGraph(np.zeros((2, 2)), np.ones(2), np.array([[0, 1]]), np.ones(1))
 PLACE = Candidate(np.zeros(2), 1.0, 1.0, 3.0)
+WALL = Region(np.zeros(3), np.array([1.0, 0.0, 0.0]), 12, 1.0, 0)
 CLOSED = TargetOutcome(np.zeros(2), "corner", 1.0, 1.0, 0.5, judged=True)
 
 
@@ -74,6 +75,7 @@ def decided(policy):
         Plan("done", NOWHERE, stop=StopReason.COMPLETE),
         wrong(headings_rad=[1.0], valid_steps=np.int64(8), regions=[], candidates=[]),
         Plan("seen", headings_rad=(1.0,), topdown=TOPDOWN, graph=GRAPH, candidates=(PLACE,), closed=CLOSED),
+        Plan("regions", headings_rad=(1.0,), regions=(WALL,)),
     ],
 )
 def test_a_plan_that_can_be_executed_passes(plan):
@@ -89,6 +91,7 @@ def test_a_plan_that_can_be_executed_passes(plan):
         (wrong(path_xy_m=np.array([[1.0, 2.0, 3.0]])), r"path_xy_m has shape \(1, 3\)"),
         (wrong(path_xy_m=np.array([["a", "b"]])), "not .* numbers"),
         (wrong(path_xy_m=np.array([[1.0, math.nan]])), "not finite"),
+        (wrong(path_xy_m=np.array([[1.0, 1e300]])), "farther than 1e"),
         (wrong(headings_rad=(math.inf,)), "headings_rad is"),
         (wrong(headings_rad=0.5), "headings_rad is 0.5"),
         (wrong(actions=("left",)), "moves and turns"),
@@ -111,6 +114,9 @@ def test_a_plan_that_can_be_executed_passes(plan):
         (wrong(headings_rad=(1.0,), graph=replaced(GRAPH, edges=[])), "graph.edges is of type list, not an array"),
         (wrong(headings_rad=(1.0,), regions=None), "regions is None, not a tuple of anm_mj.types.Region"),
         (wrong(headings_rad=(1.0,), regions=("wall",)), r"regions is \('wall',\), not a tuple of"),
+        (wrong(headings_rad=(1.0,), regions=(WALL, replaced(WALL, vertex=None))), "regions holds Region"),
+        (wrong(headings_rad=(1.0,), regions=(replaced(WALL, centre_m=np.zeros(2)),)), "regions holds Region"),
+        (wrong(headings_rad=(1.0,), regions=(replaced(WALL, score=math.nan),)), "regions holds Region"),
         (wrong(headings_rad=(1.0,), candidates=PLACE.xy_m), "candidates is array.*, not a tuple of"),
         (wrong(headings_rad=(1.0,), closed="all"), "closed is of type str, not an anm_mj.types.TargetOutcome"),
         (wrong(headings_rad=(1.0,), stage_ms=None), "stage_ms is None, not milliseconds"),
@@ -152,3 +158,20 @@ def test_an_error_of_the_map_is_not_the_policys():
 def test_a_policy_cannot_end_the_program_as_if_all_were_well():
     policy = GuardedPolicy(Fake(raises=SystemExit(0)), "my:Own")
     assert policy.plan(Mock(Mapper), observe(3, HERE)).stop is StopReason.POLICY_ERROR
+
+
+def test_memory_that_no_file_holds_does_not_end_a_run_without_its_files():
+    class Remembers(Fake):
+        def memory(self):
+            words, things = np.array(["a"]), np.array([{"a": 1}], object)
+            return {
+                "a": words,
+                "b": things,
+                "c": np.zeros(1, complex),
+                "d": np.zeros(1, np.longdouble),
+                "e": np.ones(2),
+            }
+
+        def continue_from(self, prior, mapper): ...
+
+    assert list(GuardedPolicy(Remembers(), "my:Own").memory()) == ["e"]
