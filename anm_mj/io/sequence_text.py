@@ -32,11 +32,11 @@ def rows(path: Path) -> Iterator[str]:
 
 
 def number_rows(path: Path, *columns: int) -> Float[np.ndarray, "n columns"]:
-    """The rows of a table of numbers between blanks or commas; a first line of words is its header. Raises OSError or
-    ValueError if the file cannot be read, holds something else, its rows differ in length, or it has another number of
-    ``columns`` than one of these.
+    """The rows of a table of numbers between blanks or commas; a first line of words is its header, and a comment may
+    stand behind the numbers. Raises OSError or ValueError if the file cannot be read, holds something else, its rows
+    differ in length, or it has another number of ``columns`` than one of these.
     """
-    lines = [line.replace(",", " ").replace(";", " ").split() for line in rows(path)]
+    lines = [line.partition("#")[0].replace(",", " ").replace(";", " ").split() for line in rows(path)]
     if lines and not any(_is_number(word) for word in lines[0]):
         del lines[0]
     if len({len(line) for line in lines}) > 1:

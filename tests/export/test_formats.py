@@ -412,23 +412,20 @@ def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):
     assert (tmp_path / "export" / "trajectory_base.tum").is_file()
 
 
-def test_a_damaged_picture_is_not_copied(run_folder, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("name", "file", "damage"),
+    [
+        ("nerfstudio", "depth/000000.png", lambda path: path.write_bytes(path.read_bytes()[:-40])),
+        ("tum", "trajectory.tum", lambda path: path.unlink()),
+        ("tum", "trajectory.tum", lambda path: path.write_bytes(b"\xff")),
+    ],
+)
+def test_a_damaged_file_is_named_and_not_copied(run_folder, tmp_path, capsys, name, file, damage):
     shutil.copytree(run_folder, tmp_path / "run")
-    for damaged in sorted((tmp_path / "run" / "depth").iterdir()):
-        damaged.write_bytes(damaged.read_bytes()[:-40])
-    assert main(["export", str(tmp_path / "run"), "--format", "nerfstudio", "--out", str(tmp_path / "out")]) == 2
+    damage(tmp_path / "run" / file)
+    assert main(["export", str(tmp_path / "run"), "--format", name, "--out", str(tmp_path / "out")]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "cannot be read" in said
-    assert "depth/000000.png" in said
-
-
-def test_a_trajectory_that_is_gone_is_no_folder_to_choose_anew(run_folder, tmp_path, capsys):
-    shutil.copytree(run_folder, tmp_path / "run")
-    (tmp_path / "run" / "trajectory.tum").unlink()
-    assert main(["export", str(tmp_path / "run"), "--format", "tum", "--out", str(tmp_path / "out")]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "trajectory.tum cannot be read" in said
-    assert "copy the run again" in said
+    assert all(words in said for words in (f"{file} cannot be read", "copy the run again"))
 
 
 def lines_of(path):

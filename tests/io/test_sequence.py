@@ -37,6 +37,17 @@ def test_what_is_written_is_read_back(written):
         assert after.pose.yaw_rad == pytest.approx(before.pose.yaw_rad, abs=1e-7)
 
 
+def test_a_comment_may_stand_behind_a_pose(written):
+    path, _ = written
+    before = read_sequence(path).frames
+    poses = path / "poses.tum"
+    poses.write_text(poses.read_text().replace("\n", "  # by hand\n"))
+    after = read_sequence(path).frames
+    assert len(after) == 3
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one.T_world_camera, other.T_world_camera)
+
+
 def test_depth_formats(written):
     path, seen = written
     np.save(path / "depth" / "000000.npy", seen[0].depth_m)

@@ -183,11 +183,12 @@ def _logged_fault(plan: Plan) -> str | None:
             return f"{name} is {reprlib.repr(some)}, not a tuple of anm_mj.types.{kind.__name__}"
     for region in plan.regions:
         try:
-            parts = [*region.centre_m, *region.normal, region.num_members, region.score, region.vertex]
-            numbers = np.array(parts, float)
+            others = [*region.normal, region.num_members, region.score, region.vertex]
+            numbers = np.array([*region.centre_m, *others], float)
         except (TypeError, ValueError):
             numbers = np.zeros(0)
-        if numbers.shape != (9,) or not (np.abs(numbers) <= FARTHEST_M).all():
+        # The scale of scores is the policy's own.
+        if numbers.shape != (9,) or not np.isfinite(numbers).all() or np.abs(numbers[:3]).max() > FARTHEST_M:
             return f"regions holds {reprlib.repr(region)}, not a place and a normal of three numbers each, and numbers"
     if not isinstance(plan.stage_ms, dict):
         return f"stage_ms is {reprlib.repr(plan.stage_ms)}, not milliseconds by the name of a stage"

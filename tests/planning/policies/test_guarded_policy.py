@@ -75,7 +75,7 @@ def decided(policy):
         Plan("done", NOWHERE, stop=StopReason.COMPLETE),
         wrong(headings_rad=[1.0], valid_steps=np.int64(8), regions=[], candidates=[]),
         Plan("seen", headings_rad=(1.0,), topdown=TOPDOWN, graph=GRAPH, candidates=(PLACE,), closed=CLOSED),
-        Plan("regions", headings_rad=(1.0,), regions=(WALL,)),
+        Plan("regions", headings_rad=(1.0,), regions=(WALL, replaced(WALL, score=1e9))),
     ],
 )
 def test_a_plan_that_can_be_executed_passes(plan):
@@ -117,6 +117,7 @@ def test_a_plan_that_can_be_executed_passes(plan):
         (wrong(headings_rad=(1.0,), regions=(WALL, replaced(WALL, vertex=None))), "regions holds Region"),
         (wrong(headings_rad=(1.0,), regions=(replaced(WALL, centre_m=np.zeros(2)),)), "regions holds Region"),
         (wrong(headings_rad=(1.0,), regions=(replaced(WALL, score=math.nan),)), "regions holds Region"),
+        (wrong(headings_rad=(1.0,), regions=(replaced(WALL, centre_m=np.full(3, 1e300)),)), "regions holds Region"),
         (wrong(headings_rad=(1.0,), candidates=PLACE.xy_m), "candidates is array.*, not a tuple of"),
         (wrong(headings_rad=(1.0,), closed="all"), "closed is of type str, not an anm_mj.types.TargetOutcome"),
         (wrong(headings_rad=(1.0,), stage_ms=None), "stage_ms is None, not milliseconds"),
