@@ -85,12 +85,12 @@ def spaced_depths(
 ) -> tuple[Float32[np.ndarray, " free"], Float32[np.ndarray, " near"], Float32[np.ndarray, " near"]]:
     """What the uniform sampling scheme is made of [m], the very same numbers for every engine.
 
-    Depths over [0, far], offsets over the band, and depths where there is no surface to make a band about.
+    Depths over [0, reach], offsets over the band, and depths where there is no surface to make a band about.
     """
     return (
-        _evenly(0.0, config.far_m, config.free_samples),
+        _evenly(0.0, config.reach_m, config.free_samples),
         _evenly(-truncation_m, truncation_m, config.near_samples),
-        _evenly(0.0, config.far_m, config.near_samples),
+        _evenly(0.0, config.reach_m, config.near_samples),
     )
 
 

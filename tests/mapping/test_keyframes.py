@@ -3,6 +3,7 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.keyframes import PIXEL, KeyframeStore
+from anm_mj.mapping.mapping_config import SamplingConfig
 from anm_mj.mapping.rays import RayBatch, part, sample_frame
 from tests.mapping.numpy_reference import concatenate
 from tests.mapping.ray_room import Room
@@ -40,6 +41,18 @@ def test_missing_and_far_depth_come_back_as_nan():
     rays = drawn(store, 500, rng)
     assert np.isnan(rays.depth_m).any()
     assert np.nanmax(rays.depth_m) < 10.0
+
+
+def test_all_depth_that_counts_is_kept():
+    rng = np.random.default_rng(0)
+    largest_m = SamplingConfig(max_depth_m=13.1).max_depth_m
+    with pytest.raises(MapError, match=r"max_depth_m is 13\.2.*at most 13\.1"):
+        SamplingConfig(max_depth_m=13.2)
+    observation = Room().observe(1.5, 1.2, 0.7)
+    observation.depth_m[:] = largest_m
+    store = KeyframeStore(10_000_000, 1.0)
+    store.add(observation, rng)
+    np.testing.assert_allclose(drawn(store, 500, rng).depth_m, largest_m, atol=1e-3)
 
 
 def test_memory_stays_bounded_and_every_keyframe_keeps_being_replayed(room: Room):

@@ -187,7 +187,7 @@ def _settings(config: MappingConfig) -> _native.Settings:
     out.free_samples = sampling.free_samples
     out.near_samples = sampling.near_samples
     out.max_depth = sampling.max_depth_m
-    out.none_step = sampling.far_m / sampling.samples_per_ray
+    out.none_step = sampling.reach_m / sampling.samples_per_ray
     out.weight_rgb = loss.rgb
     out.weight_depth = loss.depth
     out.weight_sdf = loss.sdf

@@ -53,7 +53,7 @@ def sample_depths(
 def _guided(
     depth_m: Tensor, valid: Tensor, config: SamplingConfig, truncation_m: float, jitter: Tensor
 ) -> Float[Tensor, "n samples"]:
-    """One sample in each of equal bins: over [0, d - tr], over d +- tr, and over [0, far] where there is no depth."""
+    """One sample in each of equal bins: over [0, d - tr], over d +- tr, and over [0, reach] where there is no depth."""
     device, dtype = depth_m.device, depth_m.dtype
     free = torch.arange(config.free_samples, device=device, dtype=dtype)
     near = torch.arange(config.near_samples, device=device, dtype=dtype)
@@ -63,14 +63,14 @@ def _guided(
     z_free = (free + jitter[:, : config.free_samples]) * (band_start / config.free_samples)
     band_width = depth + truncation_m - band_start
     z_near = band_start + (near + jitter[:, config.free_samples :]) * (band_width / config.near_samples)
-    z_none = (none + jitter) * (config.far_m / config.samples_per_ray)
+    z_none = (none + jitter) * (config.reach_m / config.samples_per_ray)
     return torch.where(valid[:, None], torch.cat((z_free, z_near), dim=1), z_none)
 
 
 def _uniform(
     depth_m: Tensor, valid: Tensor, config: SamplingConfig, truncation_m: float, jitter: Tensor
 ) -> Float[Tensor, "n samples"]:
-    """Even samples over [0, far] and over the band, sorted together, then each moved between its neighbours' middles.
+    """Even samples over [0, reach] and over the band, sorted together, then each moved between its neighbours' middles.
 
     Source: Wang et al., Co-SLAM, 2023.
     """

@@ -29,6 +29,12 @@ def test_rays_without_a_surface_in_range_are_sampled_up_to_far(scheme, depth_m):
     assert z.max() > 2.5
 
 
+def test_rays_without_depth_say_nothing_of_what_is_too_far_to_be_known():
+    """A wall beyond the range is no free space."""
+    z = sample_depths(torch.full((50,), float("nan")), SamplingConfig(max_depth_m=3.0), TRUNCATION_M, seed=1)
+    assert 2.5 < z.max() <= 3.0
+
+
 def test_a_surface_nearer_than_the_truncation_gives_no_sample_behind_the_camera():
     z = sample_depths(torch.tensor([0.04]), SamplingConfig(), TRUNCATION_M, seed=0)
     assert (z >= 0.0).all()

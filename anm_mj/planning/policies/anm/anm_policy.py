@@ -43,7 +43,7 @@ class AnmConfig(PolicyConfig):
     """Depth beyond this is left out of the policy's own grid [m]."""
     near_m: float = 5.0
     """Half width of the local horizon [m]."""
-    percentile: float = setting(90.0, below=100.0)
+    percentile: float = setting(90.0, at_most=99.9)
     """Surface above this percentile of uncertainty counts as uncertain [%] (paper; the released code keeps four
     fifths)."""
     link_m: float = 0.3

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.control.path_follower import Follower
+from anm_mj.errors import PlanError
 from anm_mj.planning.policies.anm.anm_policy import Anm, AnmConfig, _cut_end
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import Action, Footprint, Pose2, StopReason, SurfacePoints
@@ -109,3 +110,8 @@ def test_a_way_is_cut_across_its_legs():
 
     np.testing.assert_allclose(_cut_end(way, 0.8), [[0.0, 0.0], [0.7, 0.0]])
     np.testing.assert_allclose(_cut_end(way, 9.0), [[0.0, 0.0]])
+
+
+def test_the_surface_is_divided_into_few_enough_shares_to_look_through_all():
+    with pytest.raises(PlanError, match=r"percentile is 99\.99.*at most 99\.9"):
+        AnmConfig(percentile=99.99)
