@@ -20,8 +20,6 @@ BODY = "body"
 """Name of the cylinder that represents the robot in mink's model."""
 _OBSTACLE = "obstacle_"
 _SHAPES = {"SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX"}
-_CELL_M = 0.5
-"""Edge of the squares of the floor for which obstacles are told apart once [m]."""
 _GAIN = 0.25
 """Largest fraction of the free distance covered in one period: the body slows down over the last centimetres, within
 the braking power of the wheels."""
@@ -95,21 +93,14 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
         self._body = model.geom(BODY).id
         self._boxes = _bounding_rectangles(model, self._all_pairs[:, 1])
         self._reach2 = (float(model.geom_size[self._body, 0]) + _NEAR_M) ** 2
-        self._cell: tuple[float, ...] = ()
-        """Of the floor, in which the body was last."""
-        self._around = np.zeros(0, np.intp)
-        """The pairs whose obstacles may be near anywhere in it."""
         self.is_active = False
         """Whether an obstacle was near at the last call."""
 
     def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
         """One inequality per obstacle near the body, on the displacement within ``dt`` [s]."""
         at = configuration.data.geom_xpos[self._body, :2]
-        cell = tuple(np.floor(at / _CELL_M).tolist())
-        if cell != self._cell:
-            self._cell, corner = cell, _CELL_M * np.array(cell)
-            self._around = np.flatnonzero(_apart2(self._boxes, corner, corner + _CELL_M) < self._reach2)
-        near = self._all_pairs[self._around[_apart2(self._boxes[self._around], at, at) < self._reach2]]
+        away = np.maximum(np.maximum(self._boxes[:, :2] - at, at - self._boxes[:, 2:]), 0.0)
+        near = self._all_pairs[np.einsum("ij,ij->i", away, away) < self._reach2]
         self.is_active = len(near) > 0
         if not len(near):
             return mink.Constraint()
@@ -133,14 +124,6 @@ def require_all_pairs(pairs: list[tuple[int, int]], body: int, obstacles: list[i
             f"mink leaves {len(missing)} of {len(obstacles)} obstacles out of its clearance limit; obstacles must hang "
             "on a body that is neither the world nor the robot's, and collide with the robot."
         )
-
-
-def _apart2(
-    boxes: Float[np.ndarray, "n 4"], low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
-) -> Float[np.ndarray, " n"]:
-    """Squared distances of rectangles from one with these corners."""
-    away = np.maximum(np.maximum(boxes[:, :2] - high, low - boxes[:, 2:]), 0.0)
-    return np.einsum("ij,ij->i", away, away)
 
 
 def _bounding_rectangles(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:

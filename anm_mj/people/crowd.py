@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import SceneError
-from anm_mj.people.door_leaves import DoorLeaves
+from anm_mj.people.door_leaves import DoorLeaves, distance_from_line
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.people.social_force import push
 from anm_mj.people.walking_floor import BODY, WalkingFloor
@@ -114,9 +114,9 @@ class Crowd:
     def copied(self) -> Crowd:
         """The same people, to move on by themselves."""
         other = copy.copy(self)
-        moving = "xy_m", "yaw_rad", "phase_rad", "swing", "_velocity_mps", "_num_goals", "_stand_until_s", "_progress_s"
-        for name in (*moving, "_spot_m", "_path"):
-            setattr(other, name, getattr(self, name).copy())
+        vars(other).update(
+            {name: own.copy() for name, own in vars(self).items() if isinstance(own, (np.ndarray, list))}
+        )
         other.doors = self.doors.copied()
         return other
 
@@ -184,9 +184,7 @@ class Crowd:
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"]) -> bool:
         """Whether the robot would touch somebody on a straight line, and come nearer to them by it."""
-        along = end_m - start_m
-        share = ((self.xy_m - start_m) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
-        nearest_m = np.linalg.norm(self.xy_m - start_m - share[:, None] * along, axis=1)
+        nearest_m = distance_from_line(self.xy_m, start_m, end_m)
         now_m = np.linalg.norm(self.xy_m - start_m, axis=1)
         return bool(((nearest_m < self._robot_radius_m + self.radius_m) & (nearest_m < now_m - 1e-6)).any())
 

@@ -59,6 +59,10 @@ class DoorLeaves:
         return self._shut_rad + self._side * self._turned_rad
 
     @property
+    def _tips_m(self) -> Float[np.ndarray, "n 2"]:
+        return self.hinge_m + self.length_m[:, None] * np.column_stack([np.cos(self.yaw_rad), np.sin(self.yaw_rad)])
+
+    @property
     def states(self) -> Float[np.ndarray, "n 4"]:
         """Of each leaf: x and y of the hinge [m], yaw [rad], length [m]."""
         return np.column_stack([self.hinge_m, self.yaw_rad, self.length_m])
@@ -93,10 +97,10 @@ class DoorLeaves:
 
     def touches(self, start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], radius_m: float) -> bool:
         """Whether a body would touch a leaf anywhere on a straight line, and come nearer to it by that."""
-        tips_m = self.hinge_m + self.length_m[:, None] * np.column_stack([np.cos(self.yaw_rad), np.sin(self.yaw_rad)])
+        tips_m = self._tips_m
         leaf_m = self.hinge_m, tips_m
-        now_m = _from_line(start_m, *leaf_m)
-        ends_m = _from_line(end_m, *leaf_m), *(_from_line(xy_m, start_m, end_m) for xy_m in leaf_m)
+        now_m = distance_from_line(start_m, *leaf_m)
+        ends_m = distance_from_line(end_m, *leaf_m), *(distance_from_line(xy_m, start_m, end_m) for xy_m in leaf_m)
         is_crossed = (_side(start_m, *leaf_m) * _side(end_m, *leaf_m) < 0.0) & (
             _side(self.hinge_m, start_m, end_m) * _side(tips_m, start_m, end_m) < 0.0
         )
@@ -117,14 +121,11 @@ class DoorLeaves:
 
     def _gaps_m(self, one: int, bodies: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " b"]:
         """Between bodies, by x, y and radius, and a leaf [m]."""
-        yaw_rad = self.yaw_rad[one]
-        along = np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
-        away = bodies[:, :2] - self.hinge_m[one]
-        share_m = (away @ along).clip(0.0, self.length_m[one])
-        return np.linalg.norm(away - share_m[:, None] * along, axis=1) - bodies[:, 2] - LEAF.radius_m
+        hinge_m, tip_m = self.hinge_m[one], self._tips_m[one]
+        return distance_from_line(bodies[:, :2], hinge_m, tip_m) - bodies[:, 2] - LEAF.radius_m
 
 
-def _from_line(
+def distance_from_line(
     places_m: Float[np.ndarray, "... 2"], starts_m: Float[np.ndarray, "... 2"], ends_m: Float[np.ndarray, "... 2"]
 ) -> Float[np.ndarray, "..."]:
     """Between places and straight lines from starts to ends [m]."""

@@ -16,8 +16,6 @@ _NEIGHBOURS = ((0, 1), (1, 0))
 
 def borders_unknown(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bool[np.ndarray, " n"]:
     """Which vertices border on the unknown: it is about as near as the nearest obstacle."""
-    if not len(frontier_xy_m) or not len(graph.vertex_xy_m):
-        return np.zeros(len(graph.vertex_xy_m), bool)
     distance = KDTree(frontier_xy_m).query(graph.vertex_xy_m)[0]
     return np.asarray(distance <= graph.clearance_m + BORDER_WIDTH_M)
 

@@ -62,8 +62,6 @@ def voronoi_graph(
     least_m = max(safe_m - CELL_SLACK * topdown.resolution_m, topdown.resolution_m / 2.0)
     usable = clear_edges(topdown, vertices[ridges[:, 0]], vertices[ridges[:, 1]], least_m)
     ridges, a = ridges[usable], a[usable]
-    if not len(ridges):
-        return _empty_graph()
     used = np.flatnonzero(np.bincount(ridges.ravel(), minlength=len(vertices)))
     number = np.zeros(len(vertices), np.int64)
     number[used] = np.arange(len(used))

@@ -104,8 +104,11 @@ class TransitionTable:
         place, heading = start
         to, to_heading = end
         stays = place == to
-        self._cover_turn(covered, place, heading, np.where(stays, to_heading, self._leave[place, to]))
-        self._cover_turn(covered, to, np.where(stays, heading, self._arrive[place, to]), to_heading)
+        leave = np.where(stays, to_heading, self._leave[place, to])
+        arrive = np.where(stays, heading, self._arrive[place, to])
+        for where, first, last in ((place, heading, leave), (to, arrive, to_heading)):
+            row, sector = self._sectors(first, last)
+            covered[row[:, None], self._patch[where[row], sector]] = True
 
     def swept(
         self, heading: int, to: int, to_heading: int
@@ -134,17 +137,6 @@ class TransitionTable:
         swept = (np.minimum(turn, 0) - side <= self._swept) & (np.maximum(turn, 0) + side >= self._swept)
         row, column = np.nonzero(swept)
         return row, (start[row] + self._swept[column]) % NUM_AZIMUTHS
-
-    def _cover_turn(
-        self,
-        covered: Bool[np.ndarray, "c patches"],
-        place: Int[np.ndarray, " c"],
-        start: Int[np.ndarray, " c"],
-        end: Int[np.ndarray, " c"],
-    ) -> None:
-        """Mark what the camera sweeps over while it turns at places from one heading to another."""
-        row, sector = self._sectors(start, end)
-        covered[row[:, None], self._patch[place[row], sector]] = True
 
     def _sweep_gains(
         self, sector_gain: Float[np.ndarray, "*n azimuths"], start: Int[np.ndarray, "*n"]
