@@ -28,16 +28,16 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence import Sequence
 from anm_mj.io.sequence_poses import camera_line
-from anm_mj.io.to_json import write_json
+from anm_mj.io.to_json import to_json, write_json
 from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.loop_stages import find_moved, integrate
-from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping_results import frame_metrics, tracking_metrics, write_map
-from anm_mj.mapping_state import MappingState, facts_of, open_logs, stored_mapping
+from anm_mj.mapping_state import MappingState, digest, stored_mapping
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.recording.results import sync_results
+from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.sequence_check.find_faults import Verdict
 from anm_mj.sequence_check.frame_fit import frame_fit
@@ -184,7 +184,15 @@ class _Mapping:
         """A folder that says what is mapped; arguments as of :func:`map_sequence`."""
         name = RECORDED if self._policy is None else self._config.policy
         folder = RunFolder.create(out, Path(self._config.scene).resolve().name, name)
-        said = _facts(self._config, self._map, name)
+        said = RunFacts.unsimulated(
+            RECORDED,
+            scene=self._config.scene,
+            policy=name,
+            goal=self._config.goal,
+            seed=self._config.seed,
+            device=self._map.backend.device,
+            engine=self._map.backend.name,
+        )
         said = replace(said, corrections=corrections, origin_m=self._sequence.origin_m)
         write_json(folder.manifest, manifest(said, sys.argv))
         write_json(folder.config, self._config)
@@ -199,8 +207,9 @@ class _Mapping:
         if stored is not None:
             say_other_engine(stored, self._map.backend.name)
             self._begin -= float(stored.facts["wall_s"])
-        tracks = self._tracker is not None
-        self._log, self._cameras = open_logs(folder, self._config, goes_on=stored is not None, tracks=tracks)
+        goes_on = stored is not None
+        self._log = RunLog(folder, self._config.record, goes_on=goes_on)
+        self._cameras = [] if self._tracker is None else [LineWriter(folder.camera_trajectory, goes_on=goes_on)]
         parts = {
             "mapper": self._map,
             "log": self._log,
@@ -243,9 +252,14 @@ class _Mapping:
 
     def _facts_and_files(self) -> tuple[dict[str, Any], list[Path]]:
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
-        files = self._files
-        engine = self._map.backend.name
-        said = facts_of(self._sequence, self._config, self._options, engine, files, self.wall_s)
+        said = {
+            "files": {file.path.name: file.size for file in self._files},
+            "engine": self._map.backend.name,
+            "wall_s": self.wall_s,
+            "config": to_json(self._config),
+            "options": self._options,
+            "sequence": digest(self._sequence),
+        }
         since = self.checkpointer.synced_step
         new = [self.folder.depth(record.step) for record in self.state.records if record.step >= since]
         return said, [*self.log_paths, *new]
@@ -327,15 +341,3 @@ def _shadow_policy(config: RunConfig, footprint: Footprint) -> GuardedPolicy:
         settings = replace(settings, bootstrap_turns=0)
     policy = make_policy(config.policy, PolicyContext(footprint, settings, config.planning, config.seed))
     return GuardedPolicy(policy, config.policy, "The mapping goes on without decisions")
-
-
-def _facts(config: RunConfig, neural_map: NeuralMap, policy: str) -> RunFacts:
-    return RunFacts.unsimulated(
-        RECORDED,
-        scene=config.scene,
-        policy=policy,
-        goal=config.goal,
-        seed=config.seed,
-        device=neural_map.backend.device,
-        engine=neural_map.backend.name,
-    )

@@ -1,7 +1,7 @@
 """Where the mapping of a recorded sequence stands, for a checkpoint, and how it is read back."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,10 @@ from anm_mj.checkpoint.going_on import LoggedFacts, first_difference, logged_fac
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves
 from anm_mj.errors import CheckpointError
-from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence import Sequence
 from anm_mj.io.to_json import to_json
-from anm_mj.recording.run_log import RunLog
 from anm_mj.sequence_check.frame_fit import FrameFit
 from anm_mj.types import Observation
 from anm_mj.utils.read_file import convert
@@ -52,26 +50,6 @@ class _Facts(LoggedFacts):
     """Hash of the frames."""
 
 
-def facts_of(
-    sequence: Sequence,
-    config: RunConfig,
-    options: Mapping[str, Any],
-    engine: str,
-    files: Iterable[LineWriter],
-    wall_s: float,
-) -> dict[str, Any]:
-    """What a checkpoint says beside the state; ``options`` are those that the configuration does not hold."""
-    sizes = {file.path.name: file.size for file in files}
-    return {
-        "files": sizes,
-        "engine": engine,
-        "wall_s": wall_s,
-        "config": to_json(config),
-        "options": dict(options),
-        "sequence": _digest(sequence),
-    }
-
-
 def stored_mapping(folder: RunFolder, sequence: Sequence, config: RunConfig, options: Mapping[str, Any]) -> StoredState:
     """The newest checkpoint of a mapping that did not end. Raises RunFolderError if there is a link in the folder, and
     CheckpointError if there is none, or it is one of another sequence or of other settings.
@@ -79,7 +57,7 @@ def stored_mapping(folder: RunFolder, sequence: Sequence, config: RunConfig, opt
     refuse_links(folder.path.resolve())
     stored = CheckpointStore(folder.checkpoints).newest(lambda state: logged_facts(state, _Facts, folder.path, "frame"))
     facts = convert(stored.facts, _Facts)
-    if facts.sequence != _digest(sequence):
+    if facts.sequence != digest(sequence):
         raise CheckpointError(
             f"The sequence is not the one that {folder.path} began with, or is read in another way (camera, poses, "
             "colour, floor, every Nth frame); give the same, or start a new run."
@@ -95,14 +73,8 @@ def stored_mapping(folder: RunFolder, sequence: Sequence, config: RunConfig, opt
     return stored
 
 
-def open_logs(folder: RunFolder, config: RunConfig, *, goes_on: bool, tracks: bool) -> tuple[RunLog, list[LineWriter]]:
-    """The logs, and that of found poses where there are such, of a new mapping or of one that goes on."""
-    cameras = [LineWriter(folder.camera_trajectory, goes_on=goes_on)] if tracks else []
-    return RunLog(folder, config.record, goes_on=goes_on), cameras
-
-
-def _digest(sequence: Sequence) -> str:
-    """Of what decides how frames are seen, but for the pixels themselves."""
+def digest(sequence: Sequence) -> str:
+    """Hash of what decides how frames are seen, but for the pixels themselves."""
     frames = sequence.frames
     numbers = np.array([[frame.time_s, *frame.T_world_camera.ravel()] for frame in frames])
     facts = (sequence.intrinsics, sequence.depth_unit_m, sequence.depth_scale, sequence.ray_depth, sequence.mirrored)

@@ -8,12 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float32
 
 from anm_mj.config import RunConfig
 from anm_mj.errors import MapError, RunFolderError
-from anm_mj.evaluation.covered_before import covered_before
-from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.explored_file import Explored, read_explored
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.keyframes import Keyframes
@@ -110,12 +107,6 @@ class PriorRun:
         """What the run found out beside its map; its policy's memory only for the same policy."""
         prior = self.explored.prior
         return prior if prior.policy == policy else replace(prior, memory={})
-
-    def covered(self, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
-        """How near each sample of the true surface had been seen [m]. Raises RunFolderError if a depth image of the run
-        is missing or damaged.
-        """
-        return covered_before(self.run, truth)
 
     @property
     def folder(self) -> str:

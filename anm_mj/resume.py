@@ -9,7 +9,6 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,14 +61,13 @@ def resume(
     path: Path,
     *,
     policy: str | None = None,
-    device: str | None = None,
     observers: Sequence[Observer] = (),
     kind: type[RunConfig] = RunConfig,
     assemble: Callable[..., AbstractContextManager[Parts]] = make_parts,
     state: LoopState | None = None,
 ) -> tuple[RunFolder, Metrics]:
-    """Go on with the run in a folder, on another ``device`` where that is not None. ``policy`` is the ``module:Class``
-    of the run, which says that this code may run; None = only policies of this package.
+    """Go on with the run in a folder. ``policy`` is the ``module:Class`` of the run, which says that this code may run;
+    None = only policies of this package.
 
     A configuration of the class ``kind`` is put together by ``assemble``, called as
     :func:`anm_mj.run_parts.make_parts`; ``observers`` are as of :func:`anm_mj.run.run`, ``state`` as of
@@ -82,8 +80,6 @@ def resume(
     with held(folder.path):
         _require_unfinished(folder)
         config = _config(folder, policy, kind)
-        if device is not None:
-            config = replace(config, device=device)
         store = CheckpointStore(folder.checkpoints)
         stored = store.newest(lambda state: _require_logs(folder, state))
         with assemble(config, observers) as parts:

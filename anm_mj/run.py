@@ -15,6 +15,7 @@ from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
 from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.covered_before import covered_before
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Ended, Observed, Observer, Stepped
 from anm_mj.explore import explore
@@ -72,7 +73,7 @@ def run_with(
     write_json(folder.config, config)
     surface, before = parts.surface, None
     if prior is not None and surface is not None:
-        before = Before(prior.found(config.policy), prior.covered(surface))
+        before = Before(prior.found(config.policy), covered_before(prior.run, surface))
     malloc_trim()
     state = state or LoopState(config.planning.patience_steps)
     with (

@@ -16,6 +16,7 @@ from bench_uncertainty import surface
 from jaxtyping import Float
 from scipy.optimize import curve_fit
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.run_folder import RunFolder
@@ -68,4 +69,4 @@ def curve(variance: Float[np.ndarray, " n"], constant: float, scale: float, expo
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.replay.film import write_film
 from anm_mj.replay.page import replay_page
@@ -63,4 +64,4 @@ def _screenshot(run_folder: Path, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

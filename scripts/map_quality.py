@@ -28,6 +28,7 @@ from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.rerender import explored_scene, observations_of
 from anm_mj.evaluation.surface_distance import surface_distance
@@ -199,4 +200,4 @@ def print_table(rows: list[Row]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

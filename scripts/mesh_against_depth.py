@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.reduced_depth import back_project_reduced
 from anm_mj.io.read_run import read_run
@@ -36,4 +37,4 @@ def main(runs: Annotated[list[Path], tyro.conf.Positional], reach: float = 3.0) 
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

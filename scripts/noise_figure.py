@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 
 from anm_mj.bench.figures import style
 from anm_mj.bench.run_result import OBSERVABLE, Result, read_results
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 from anm_mj.viz.figure_file import save_figure
 
@@ -111,4 +112,4 @@ def print_table(runs: Runs) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

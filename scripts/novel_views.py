@@ -11,6 +11,7 @@ from typing import Annotated
 
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.novel_views import FAR_M, evaluate_novel_views
 
@@ -32,4 +33,4 @@ def main(run: Annotated[Path, tyro.conf.Positional], views: int = 20, seed: int 
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -7,17 +7,24 @@ maps, and the pictures with few colours so that they stay small. Of several scen
 which results.csv holds. Of a page that is there only what stands between its marks is replaced.
 """
 
+import io
+import json
 import re
-from collections.abc import Sequence
+import tarfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from anm_mj.bench.packed_runs import pack_runs
+from anm_mj.bench.executor import RESULT
+from anm_mj.bench.run_result import read_results
+from anm_mj.bench.worker import BOUND
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
-from anm_mj.utils.files import file_name, write_text
+from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.read_run import read_json
+from anm_mj.utils.files import atomic_write, file_name, write_text
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import read_text
 
@@ -37,6 +44,14 @@ PICTURES = {
     ),
 }
 """Pictures below each kind of heading of the tables, and what they show."""
+WHOLE = (RESULT, "metrics.json", "curve.csv", BOUND)
+"""Files that are packed as they are."""
+STEP_KEYS = ("action", "x_m", "y_m", "yaw_rad", "collided", "moved_m")
+"""Of ``steps.jsonl``, what tables and pictures need, and an oracle that begins from the run."""
+PLAN_KEYS = ("ms",)
+"""Of ``plans.jsonl``, how long a decision took."""
+PRIVATE = ("scene", "command")
+"""Of the manifest, what names folders of this machine."""
 
 
 def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES) -> None:
@@ -82,16 +97,46 @@ def without_scene_tables(lines: Sequence[str]) -> list[str]:
 
 
 def _packed(comparison: Path, folder: Path) -> str:
-    """Pack the runs, whose files replace those of the last time, and return the links to them.
+    """Write ``start<number>.tar.xz`` into a folder: the runs from each start of a comparison, without maps, pictures
+    and most of what their logs say. They replace those of the last time. Returns the links to them.
 
-    Raises:
-        OSError: A file cannot be written.
+    Unpacked into the folder of a comparison, they are finished runs of it. The same runs give the same bytes. Raises
+    BenchError or RunFolderError if a run is damaged, and OSError if a file cannot be written.
     """
-    packed = pack_runs(comparison, folder)
+    by_start: dict[int, list[Path]] = {}
+    for result in read_results(comparison):
+        by_start.setdefault(result.job.start, []).append(result.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    packed = []
+    for start, runs in sorted(by_start.items()):
+        packed.append(folder / f"start{start}.tar.xz")
+        with atomic_write(packed[-1]) as partial, tarfile.open(partial, "w:xz", preset=9) as archive:
+            for run in runs:
+                for name, content in _packed_files(run):
+                    entry = tarfile.TarInfo(f"runs/{run.name}/{name}")
+                    entry.size = len(content)
+                    archive.addfile(entry, io.BytesIO(content))
     for old in set(folder.glob("start*.tar.xz")) - set(packed):
         old.unlink()
     links = [f"[{file.name}]({folder.name}/{file.name})" for file in packed]
     return f"Runs to compare with: {', '.join(links)}."
+
+
+def _packed_files(run: Path) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of what is packed of a run."""
+    for name in WHOLE:
+        if (run / name).is_file():
+            yield name, (run / name).read_bytes()
+    if (run / "manifest.json").is_file():
+        public = {key: value for key, value in read_json(run / "manifest.json").items() if key not in PRIVATE}
+        if "robot" in public:
+            # A robot of one's own is named by its file.
+            public["robot"] = Path(str(public["robot"])).name
+        yield "manifest.json", json.dumps(public, indent=2).encode()
+    for name, keys in (("steps.jsonl", STEP_KEYS), ("plans.jsonl", PLAN_KEYS)):
+        if (run / name).is_file():
+            lines = [{key: line[key] for key in keys if key in line} for line in read_jsonl(run / name)]
+            yield name, "".join(json.dumps(line) + "\n" for line in lines).encode()
 
 
 def _with_pictures(lines: Sequence[str], comparison: Path, pictures: Path) -> list[str]:

@@ -4,14 +4,13 @@ python scripts/record_sequence.py home /tmp/walk --steps 200
 anm-mj map /tmp/walk --shadow
 """
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
-from anm_mj.errors import AnmError
 from anm_mj.events import Observed
 from anm_mj.explore import explore
 from anm_mj.io.own_sequence import SequenceWriter
@@ -59,8 +58,10 @@ def main(
     """
     settings = [f"people.number={people}"]
     config = make_config("quick", settings, scene=scene, policy=policy, steps=steps, drive=drive, seed=seed)
+    # What cannot be explored leaves no folder.
+    world = load_scene(scene)
     recorder = SequenceRecorder(out)
-    with make_robot(load_scene(scene), drive=drive, image_px=image_px, people=config.people, seed=seed) as robot:
+    with make_robot(world, drive=drive, image_px=image_px, people=config.people, seed=seed) as robot:
         outcome = explore(
             robot,
             NeuralMap(config.mapping, seed=seed, device="cpu"),
@@ -72,8 +73,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except AnmError as err:
-        print(f"record_sequence.py: {err}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

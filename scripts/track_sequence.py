@@ -15,6 +15,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.evaluation.trajectory_error import trajectory_error
 from anm_mj.frames import pose_matrix
 from anm_mj.io.run_records import FrameRecord
@@ -78,4 +79,4 @@ def _with_odometry(frame: Observation, odometry: NoisyOdometry) -> Observation:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -100,3 +100,22 @@ def test_learn(tmp_path):
         "learning.monitor.csv",
         "learning.png",
     }
+
+
+@pytest.mark.parametrize("name", ["novel_views.py", "track_sequence.py", "map_quality.py", "noise_figure.py"])
+def test_a_script_says_in_one_sentence_what_is_wrong(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [name, str(tmp_path / "nothing")])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert "nothing" in said
+    assert said.count("\n") == 1
+
+
+def test_a_recording_of_no_scene_leaves_no_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["record_sequence.py", "no_scene", str(tmp_path / "walk")])
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(SCRIPTS / "record_sequence.py"), run_name="__main__")
+    assert "no_scene" in capsys.readouterr().err
+    assert not (tmp_path / "walk").exists()

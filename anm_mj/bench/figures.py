@@ -52,6 +52,12 @@ def legend_name(name: str) -> str:
     return plain("\n".join(lines))
 
 
+def _shown(results: Sequence[Result]) -> int:
+    """The column of the curves to show: the ratio of the observable surface, where all runs know it."""
+    known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
+    return OBSERVABLE if known else COMPLETION
+
+
 def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
     """Draw the completion ratio against steps: the mean over a variant's runs; of two, a band of one deviation.
 
@@ -64,8 +70,8 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     results = [run for runs in variants.values() for run in runs]
     budget = max(result.job.steps for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
-    known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
-    column, label = (OBSERVABLE, "completion ratio, observable [%]") if known else (COMPLETION, "completion ratio [%]")
+    column = _shown(results)
+    label = "completion ratio, observable [%]" if column == OBSERVABLE else "completion ratio [%]"
     figure = Figure(figsize=(9.5, 4.5), dpi=120, layout="constrained")
     axes = figure.add_subplot()
     with_band = compared(variants)
@@ -120,9 +126,10 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     left, right = figure.subplots(1, 2)
     fewest = _fewest(results)
     variants, count = drawn_variants(results)
+    column = _shown([run for runs in variants.values() for run in runs])
     with_band = compared(variants)
     for k, (name, runs) in enumerate(variants.items()):
-        _draw_curve(left, runs, k, name, with_band=name in with_band)
+        _draw_curve(left, runs, column, k, name, with_band=name in with_band)
         factors = np.sort([max(run.steps_to(LEVEL), 1.0) / fewest[situation(run)] for run in runs])
         factors = factors[np.isfinite(factors)]
         at = np.concatenate([[1.0], factors, [LARGEST_FACTOR]])
@@ -132,7 +139,8 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     left_out = f"; left out for having fewer runs: {count}" if count else ""
     band = f"{_band(len(variants), with_band)}: 95 % of a bootstrap over scenes"
     band = band if scenes >= LEAST_SCENES else "too few scenes for an interval"
-    left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100))
+    ratio = "observable" if column == OBSERVABLE else "completion"
+    left.set(xlabel="share of the budget [%]", ylabel=f"{ratio} ratio [%]", xlim=(0, 100))
     fit_ratio(left)
     left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}{left_out}\n{plain(band)}", fontsize=9)
     right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]")
@@ -158,23 +166,24 @@ def _fewest(results: Sequence[Result]) -> dict[tuple[object, ...], float]:
     return fewest
 
 
-def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str, *, with_band: bool) -> None:
-    """Mean over scenes of each scene's mean curve, with its interval."""
+def _draw_curve(axes: Axes, runs: Sequence[Result], column: int, k: int, name: str, *, with_band: bool) -> None:
+    """Mean over scenes of each scene's mean of a column of the curves, with its interval."""
     per_scene: dict[str, list[Float[np.ndarray, " shares"]]] = {}
     for run in runs:
-        values = np.interp(SHARES * run.budget, run.curve[:, 0], run.curve[:, OBSERVABLE])
+        values = np.interp(SHARES * run.budget, run.curve[:, 0], run.curve[:, column])
         per_scene.setdefault(run.job.scene_name, []).append(values)
     means = np.array([np.mean(curves, axis=0) for curves in per_scene.values()])
     axes.plot(100.0 * SHARES, means.mean(axis=0), lw=1.5, markevery=(5 * k % 20, 20), ms=5, mec="white", mew=0.6,
               label=legend_name(name), **style(k))  # fmt: skip
     if with_band and len(means) >= LEAST_SCENES:
-        low, high = np.array([bootstrap_interval(column) for column in means.T]).T
+        low, high = np.array([bootstrap_interval(values) for values in means.T]).T
         axes.fill_between(100.0 * SHARES, low, high, color=style(k)["color"], alpha=0.12, lw=0.0)
 
 
 def median_run(runs: Sequence[Result]) -> Result:
     """The run whose area under the curve is the median; of an even number the worse of the two in the middle."""
-    ordered = sorted(runs, key=lambda run: (run.area_under_curve(OBSERVABLE), run.job.start, run.job.seed))
+    column = _shown(runs)
+    ordered = sorted(runs, key=lambda run: (run.area_under_curve(column), run.job.start, run.job.seed))
     return ordered[(len(ordered) - 1) // 2]
 
 

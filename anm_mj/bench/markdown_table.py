@@ -11,6 +11,8 @@ from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_in
 
 DASH = "–"
 """For a number that is not there."""
+BAR = r"\|"
+"""A bar within a cell."""
 Rows = Sequence[dict[str, Any]]
 """Rows of :func:`~anm_mj.bench.results_table.tidy_rows`, or such means of them."""
 DIFFERENCES = (
@@ -60,13 +62,14 @@ def heading(text: str, by: str) -> str:
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]], *, text_columns: Sequence[int] = (0,)) -> str:
-    """A table whose columns of numbers are aligned to the right."""
+    """A table whose columns of numbers are aligned to the right. Cells may hold anything but a line break."""
     alignment = "".join("---|" if k in text_columns else "---:|" for k in range(len(headings)))
     return "\n".join([_line(headings), f"|{alignment}", *map(_line, lines)])
 
 
 def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    # A bar in a name would begin another cell.
+    return f"| {' | '.join(cell.replace('|', BAR) for cell in cells)} |"
 
 
 def difference_table(

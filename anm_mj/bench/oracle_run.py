@@ -6,6 +6,7 @@ from pathlib import Path
 
 from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import PLATFORM, Job
+from anm_mj.bench.run_result import reading
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
 from anm_mj.evaluation.oracle.tour_annealing import MEASURES
@@ -34,11 +35,12 @@ def turn_of(job: Job) -> int:
 
 def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
     """The configuration of an oracle's run that also begins its search from what the runs before it have found, which
-    lie in the folder ``runs`` of the comparison.
+    lie in the folder ``runs`` of the comparison. Raises BenchError if one of these is damaged.
     """
     folders = []
     for path in sorted(runs.glob(f"[!.]*/{RESULT}")):
-        other = convert(read_json(path), Job)
+        with reading(path.parent):
+            other = convert(read_json(path), Job)
         if turn_of(other) < turn_of(job) and all(other.facts[key] == job.facts[key] for key in _SHARED):
             folders.append(str(path.parent))
     return replace(config, policy_settings=replace(config.policy_settings, warm_start=os.pathsep.join(folders)))

@@ -11,7 +11,7 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 
 from anm_mj.bench.job import variant
-from anm_mj.bench.markdown_table import Rows, split_by
+from anm_mj.bench.markdown_table import Rows, split_by, table
 from anm_mj.utils.files import write_text
 
 PAGE, CARD = "report.html", "data_card.md"
@@ -33,8 +33,6 @@ _CARD = """\
 
 Made by `{command}`. Each row of `results.csv` is one run of one policy from one start at one budget.
 
-| scene | hash | starts, at most | budgets [steps] |
-|---|---|---:|---|
 {scenes}
 
 **Policies:** {variants}.
@@ -53,13 +51,13 @@ else it did; all others repeat byte for byte on the same type of machine.
 """
 
 
-def write_page(out: Path, title: str, table: str, card: str, pictures: Mapping[str, Sequence[Path]]) -> None:
+def write_page(out: Path, title: str, tables: str, card: str, pictures: Mapping[str, Sequence[Path]]) -> None:
     """Write ``report.html`` in the folder of a comparison, from its tables and its data card in Markdown. ``pictures``
     are PNG files by the heading that they stand under; those of the empty heading come first. Raises OSError if the
     file cannot be written, or a picture cannot be read.
     """
     render = MarkdownIt("commonmark", {"html": False}).enable("table").render
-    introduction, *sections = table.split("\n## ")
+    introduction, *sections = tables.split("\n## ")
     parts = [f"<h1>{html.escape(title)}</h1>", render(introduction), *map(_image, pictures.get("", ()))]
     for section in sections:
         heading, _, body = section.partition("\n")
@@ -81,12 +79,12 @@ def data_card(rows: Rows, title: str, command: str) -> str:
     """What the numbers of a comparison are: scenes with hashes, variants, budgets, protocol and limits, in Markdown.
     ``rows`` are those of the results table.
     """
-    scenes = []
+    lines = []
     for name, here in split_by(rows, "scene").items():
-        starts = len(split_by(here, "start"))
         budgets = sorted({(row["budget"], row["budget_by"]) for row in here})
         text = ", ".join(f"{steps} (by {by})" if by else str(steps) for steps, by in budgets)
-        scenes.append(f"| {name} | `{here[-1]['scene_hash'][:12]}` | {starts} | {text} |")
+        lines.append([name, f"`{here[-1]['scene_hash'][:12]}`", str(len(split_by(here, "start"))), text])
+    scenes = table(("scene", "hash", "starts, at most", "budgets [steps]"), lines, text_columns=(0, 1, 3))
     variants = ", ".join(f"`{name}`" for name in dict.fromkeys(map(variant, rows)))
     revisions = ", ".join(f"`{name}`" for name in sorted(split_by(rows, "revision")))
-    return _CARD.format(title=title, command=command, scenes="\n".join(scenes), variants=variants, revisions=revisions)
+    return _CARD.format(title=title, command=command, scenes=scenes, variants=variants, revisions=revisions)

@@ -67,10 +67,14 @@ def report_text(checks: Sequence[Check]) -> str:
     """The checks, and the versions of the packages that the program stands on, as Markdown."""
     import platform
 
-    rows = (f"| {check.name} | {check.state.value} | {_cell(f'{check.found} {check.advice}')} |" for check in checks)
-    packages = ", ".join(f"{name} {found}" for name, found in _packages())
+    from anm_mj.bench.markdown_table import table
+
+    found = (without_folders(" ".join(f"{check.found} {check.advice}".split())) for check in checks)
+    rows = [(check.name, check.state.value, text) for check, text in zip(checks, found, strict=True)]
+    packages = ", ".join(f"{name} {version}" for name, version in _packages())
     head = f"anm-mj {version()}, {platform.platform()}"
-    return "\n".join([head, "", "| check | state | found |", "|---|---|---|", *rows, "", f"Packages: {packages}"])
+    checked = table(("check", "state", "found"), rows, text_columns=(0, 1, 2))
+    return "\n\n".join([head, checked, f"Packages: {packages}"])
 
 
 def version() -> str:
@@ -94,10 +98,6 @@ def without_folders(text: str) -> str:
         # Not the root, which is in every path.
         text = text.replace(str(folder), word) if len(folder.parts) > 1 else text
     return _LAST.sub(lambda match: "…" + match[0][match[0].rindex("/") :], _FOLDER.sub("…/", text))
-
-
-def _cell(text: str) -> str:
-    return without_folders(" ".join(text.split())).replace("|", "\\|")
 
 
 def _packages() -> list[tuple[str, str]]:

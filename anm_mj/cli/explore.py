@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from anm_mj.cli.command_line import Option, Report, arguments
-from anm_mj.cli.option_types import NewFolder, Port, Settings, policy_names, run_fields
+from anm_mj.cli.option_types import NewFolder, Port, Settings, policy_names, refuse_idle, run_fields
 from anm_mj.errors import ConfigError
 from anm_mj.sim.sensors.sensor_config import SENSORS
 
@@ -96,8 +96,8 @@ def explore(
     """
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
-    if port is not None and not view:
-        raise ConfigError(f"--port is {port}, but nothing is shown; add --view.")
+    if not view:
+        refuse_idle({"--port": port}, "nothing is shown; add --view")
     if resume is not None:
         from anm_mj.resume import resume as resume_run
 

@@ -99,10 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             "programs."
         )
     except Exception as err:
-        missing = missing_package(err) if isinstance(err, ModuleNotFoundError) else None
-        if manner.verbose and missing is None:
+        known = _known(err)
+        if manner.verbose and known is None:
             raise
-        sentence = missing or _unforeseen(err)
+        sentence = known or _unforeseen(err)
     # What a library says within the sentence may come in several lines.
     console.print(f"{PROGRAM}: {' '.join(sentence.split())}", style="red", highlight=False, soft_wrap=True)
     return USAGE_ERROR
@@ -115,6 +115,17 @@ def _require_text(words: Sequence[str]) -> None:
             word.encode()
         except UnicodeEncodeError:
             fail(PROGRAM, f"{word!a} is no UTF-8; rename the file, or write it otherwise")
+
+
+def _known(err: Exception) -> str | None:
+    """What to say where a package is missing, or the folder that the user is in; None of another error."""
+    if isinstance(err, ModuleNotFoundError):
+        return missing_package(err)
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return "The folder that you are in is gone; change to another one."
+    return None
 
 
 def _unforeseen(err: Exception) -> str:

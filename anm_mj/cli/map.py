@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from anm_mj.cli.command_line import Option, Report
-from anm_mj.cli.option_types import Count, NewFolder, Port, Settings, run_fields
+from anm_mj.cli.option_types import Count, NewFolder, Port, Settings, refuse_idle, run_fields
 from anm_mj.errors import ConfigError, RunFolderError
 
 if TYPE_CHECKING:
@@ -120,8 +120,8 @@ def map_recorded(
     sys.path.insert(0, os.getcwd())
     if not 0.0 < radius < height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
-    if port is not None and not view:
-        raise ConfigError(f"--port is {port}, but nothing is shown; add --view.")
+    if not view:
+        refuse_idle({"--port": port}, "nothing is shown; add --view")
     if resume is not None and out is not None:
         raise ConfigError(f"--resume goes on in {resume}; leave out --out.")
     by_role = topics_by_role(topics)

@@ -152,7 +152,7 @@ def _intent(plan: Plan | None) -> str:
     return f": {target}: {plan.reason}"
 
 
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Ctrl-C, the end that a cluster or a system announces, and a terminal that was closed."""
 
 
@@ -173,8 +173,7 @@ class Interrupt:
         self._console, self._said = console, said
 
     def __enter__(self) -> Interrupt:
-        numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
-        heard = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+        heard = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
         self._previous = {number: signal.signal(number, self._on_signal) for number in heard}
         return self
 
@@ -190,7 +189,7 @@ class Interrupt:
         if self.is_requested:
             signal.default_int_handler(number, frame)
         self.is_requested = True
-        if number == getattr(signal, "SIGHUP", None):
+        if number == signal.SIGHUP:
             # The terminal is gone: what is written to it from now on would end the program before the files.
             nowhere = open(os.devnull, "w")  # noqa: SIM115
             self._console.file = sys.stdout = sys.stderr = nowhere

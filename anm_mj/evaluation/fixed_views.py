@@ -63,9 +63,7 @@ def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> list[Observation]:
     ]
 
 
-def evaluate_fixed_views(
-    path: Path, scene: str | None = None, num_views: int = NUM_VIEWS, on_progress: Progress = unheard
-) -> ViewsResult:
+def evaluate_fixed_views(path: Path, scene: str | None = None, on_progress: Progress = unheard) -> ViewsResult:
     """Compare what a run's map renders at the fixed views of its scene with the truth.
 
     Writes ``fixed_views.json`` (pose and quality of each view, and the means) into the run folder. ``scene`` is the
@@ -76,7 +74,7 @@ def evaluate_fixed_views(
     path = RunFolder.open(path).path
     with held(path):
         record = read_run(path)
-        views = fixed_views(explored_scene(record, scene), num_views)
+        views = fixed_views(explored_scene(record, scene))
         neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
         compared = compare_views(neural_map, views, len(views), on_progress)
         return write_views(

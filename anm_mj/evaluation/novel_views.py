@@ -58,27 +58,27 @@ def evaluate_novel_views(
     """
     path = RunFolder.open(path).path
     with held(path):
-        return _evaluated(path, views, seed, scene, on_progress)
-
-
-def _evaluated(path: Path, views: int, seed: int, scene: str | None, on_progress: Progress) -> ViewsResult:
-    """See :func:`evaluate_novel_views`."""
-    record = read_run(path)
-    world = explored_scene(record, scene)
-    # What was observed is a matter of depth alone, or the quality of a map would decide on which views it is evaluated.
-    neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
-    grid = neural_map.occupancy_grid()
-    observed = (view for view in _novel_views(record, world, seed) if _observed_percent(grid, view) >= LEAST_OBSERVED)
-    rows, pictures = list[dict[str, Any]](), []
-    for view, rgb, depth_m, quality in compare_views(neural_map, islice(observed, views), views, on_progress):
-        rows.append({"pose": view.pose, "observed_percent": _observed_percent(grid, view), "quality": quality})
-        pictures.append(np.concatenate([view.rgb, rgb, _depth_picture(view.depth_m), _depth_picture(depth_m)], axis=1))
-    result = write_views(record.folder.novel_views, rows, seed=seed)
-    if pictures:
-        file = record.folder.novel_views_picture
-        with writing(file), atomic_write(file) as partial:
-            Image.fromarray(np.concatenate(pictures[:SHOWN])).save(partial, "PNG")
-    return result
+        record = read_run(path)
+        world = explored_scene(record, scene)
+        # What was observed is a matter of depth alone, or the quality of a map would decide on which views it is
+        # evaluated.
+        neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
+        grid = neural_map.occupancy_grid()
+        observed = (
+            view for view in _novel_views(record, world, seed) if _observed_percent(grid, view) >= LEAST_OBSERVED
+        )
+        rows, pictures = list[dict[str, Any]](), []
+        for view, rgb, depth_m, quality in compare_views(neural_map, islice(observed, views), views, on_progress):
+            rows.append({"pose": view.pose, "observed_percent": _observed_percent(grid, view), "quality": quality})
+            pictures.append(
+                np.concatenate([view.rgb, rgb, _depth_picture(view.depth_m), _depth_picture(depth_m)], axis=1)
+            )
+        result = write_views(record.folder.novel_views, rows, seed=seed)
+        if pictures:
+            file = record.folder.novel_views_picture
+            with writing(file), atomic_write(file) as partial:
+                Image.fromarray(np.concatenate(pictures[:SHOWN])).save(partial, "PNG")
+        return result
 
 
 def candidate_poses(places_m: Float[np.ndarray, "n 2"], seed: int) -> list[Pose2]:

@@ -64,42 +64,35 @@ def evaluate_run(
     """
     path = RunFolder.open(path).path
     with held(path):
-        return _evaluated(path, on_progress, novel_views, fixed_views)
-
-
-def _evaluated(
-    path: Path, on_progress: Progress, novel_views: ViewsResult | None, fixed_views: ViewsResult | None
-) -> Metrics:
-    """See :func:`evaluate_run`."""
-    run = read_run(path)
-    if not run.frames:
-        raise RunFolderError(
-            f"{path} holds no frame yet, so there is nothing to evaluate; wait for the run's first step, or start it "
-            "again."
-        )
-    truth = GroundTruth.load(run.folder.ground_truth)
-    if truth.observable is None:
-        truth = _with_observable(run, truth, on_progress)
-    statistics = EpisodeStatistics()
-    for step in run.steps:
-        statistics = statistics.after(Action[step.action], step.collided, step.moved_m, step.ms)
-    curve = CompletionCurve(truth, _covered_before(run.folder, truth))
-    for frame in run.frames:
-        believed = None if frame.is_lost else frame.pose
-        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose, believed)
-    known = read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
-    summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
-    views = {name: value for name, value in known.items() if name in _OF_VIEWS}
-    for result, prefix in ((novel_views, NOVEL), (fixed_views, FIXED)):
-        views |= {} if result is None else view_metrics(result, prefix)
-    curve.last()
-    uncapped_cm = without_cap_cm(run.folder, truth, curve)
-    write_curve(run.folder, curve, statistics)
-    mesh = quality_of_mesh(run, truth, curve)
-    trajectory = trajectory_metrics(run, truth, curve)
-    metrics = summarise(statistics, curve, uncapped_cm, truth, mesh, summary, views, trajectory)
-    write_json(run.folder.metrics, metrics)
-    return metrics
+        run = read_run(path)
+        if not run.frames:
+            raise RunFolderError(
+                f"{path} holds no frame yet, so there is nothing to evaluate; wait for the run's first step, or start "
+                "it again."
+            )
+        truth = GroundTruth.load(run.folder.ground_truth)
+        if truth.observable is None:
+            truth = _with_observable(run, truth, on_progress)
+        statistics = EpisodeStatistics()
+        for step in run.steps:
+            statistics = statistics.after(Action[step.action], step.collided, step.moved_m, step.ms)
+        curve = CompletionCurve(truth, _covered_before(run.folder, truth))
+        for frame in run.frames:
+            believed = None if frame.is_lost else frame.pose
+            curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose, believed)
+        known = read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
+        summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
+        views = {name: value for name, value in known.items() if name in _OF_VIEWS}
+        for result, prefix in ((novel_views, NOVEL), (fixed_views, FIXED)):
+            views |= {} if result is None else view_metrics(result, prefix)
+        curve.last()
+        uncapped_cm = without_cap_cm(run.folder, truth, curve)
+        write_curve(run.folder, curve, statistics)
+        mesh = quality_of_mesh(run, truth, curve)
+        trajectory = trajectory_metrics(run, truth, curve)
+        metrics = summarise(statistics, curve, uncapped_cm, truth, mesh, summary, views, trajectory)
+        write_json(run.folder.metrics, metrics)
+        return metrics
 
 
 def without_cap_cm(folder: RunFolder, truth: GroundTruth, curve: CompletionCurve) -> float | None:

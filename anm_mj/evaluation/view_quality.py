@@ -103,12 +103,9 @@ def psnr_db(
 
 def mean_quality(views: Sequence[ViewQuality]) -> ViewQuality:
     """Mean of each field over the views where it is finite; NaN if there are none."""
-    values = np.array([list(vars(view).values()) for view in views], float).reshape(len(views), -1)
-    finite = np.isfinite(values)
-    count = finite.sum(axis=0)
-    total = np.where(finite, values, 0.0).sum(axis=0)
-    means = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
-    return ViewQuality(*means.tolist())
+    values = np.array([list(vars(view).values()) for view in views], float)
+    means = np.ma.masked_invalid(values).mean(axis=0)
+    return ViewQuality(*means.filled(np.nan).tolist())
 
 
 def compare_views(

@@ -1,10 +1,13 @@
 import json
 
+import pytest
+
 from anm_mj.bench.comparison import _stages
 from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.oracle_run import with_warm_start
 from anm_mj.bench.sweep import read_jobs
+from anm_mj.errors import BenchError
 
 
 def test_an_oracle_makes_a_tour_for_each_budget_and_measure(tmp_path):
@@ -49,3 +52,11 @@ def test_a_tour_begins_from_those_of_the_measures_before_it(tmp_path):
     before = [{str(tmp_path / one.name) for one in made[:count]} for count in (1, 3)]
     # That all runs are there already, as of a comparison that is repeated in part, changes nothing.
     assert known == [before[0], before[0], before[1], before[1]]
+
+
+def test_a_damaged_run_beside_the_oracles_is_named(tmp_path):
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / RESULT).write_text("{}")
+    job = Job("room", "room", "0" * 64, "oracle", 0, (0.0, 0.0, 0.0), 0, 50)
+    with pytest.raises(BenchError, match=r"broken is damaged .*; delete it"):
+        with_warm_start(job.config(), job, tmp_path)

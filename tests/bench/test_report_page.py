@@ -1,7 +1,7 @@
 import numpy as np
 
 from anm_mj.bench.figures import draw_overview, median_run
-from anm_mj.bench.run_result import drawn_variants
+from anm_mj.bench.run_result import OBSERVABLE, drawn_variants
 from anm_mj.viz.figure_file import KINDS
 from tests.bench.test_best_known import RISE, result
 
@@ -43,3 +43,10 @@ def test_the_median_run_is_one_of_the_runs():
     runs = [result("gvg", np.array(RISE) * scale, start=k) for k, scale in enumerate((0.5, 1.0, 0.7, 0.9))]
     assert median_run(runs).job.start == 2
     assert median_run(runs[:1]) is runs[0]
+
+
+def test_the_median_run_is_found_where_nobody_knows_what_is_observable():
+    runs = [result("gvg", np.array(RISE) * scale, start=k) for k, scale in enumerate((0.5, 1.0, 0.7, 0.9))]
+    for run in runs:
+        run.curve[:, OBSERVABLE] = np.nan
+    assert median_run(runs).job.start == 2

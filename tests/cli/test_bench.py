@@ -17,3 +17,5 @@ def test_failed_runs_are_told_on_stderr_as_they_are(tmp_path, monkeypatch, capsy
     assert status == 1
     assert said.err == "[/bold] failed\n"
     assert "0/1 [/bold] failed" in said.out
+    # Where no run has ended, there are no tables to look at.
+    assert "report.html" not in said.out

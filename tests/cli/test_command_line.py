@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import pytest
 
 from anm_mj.cli.command_line import Fields, Group, Manner, Option, Report, arguments, commands, find, parse
+from anm_mj.cli.main import main
 
 
 @dataclass
@@ -152,3 +153,12 @@ def test_commands_are_found_by_their_words(capsys):
         find("food", GROUP, ["--help"])
     assert end.value.code == 0
     assert "eat         Eat a fruit.\n  more        More food." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [["scene", "list"], ["explore", "home"], ["map", "walk"], ["bench", "own.toml"]])
+def test_a_folder_that_is_gone_is_named(tmp_path, monkeypatch, capsys, words):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(words) == 2
+    assert capsys.readouterr().err == "anm-mj: The folder that you are in is gone; change to another one.\n"
