@@ -120,6 +120,10 @@ class Frontier(ScanPolicy):
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path to a frontier; the policy ignores the neural map."""
+        del mapper
+        return self._decide(observation)
+
+    def _decide(self, observation: Observation) -> Plan:
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
@@ -137,7 +141,7 @@ class Frontier(ScanPolicy):
             self._chosen = kept
             return self._go("the same frontier as before", routes, left, watch)
         if not left and self.grid.shrink_collisions(self._driven_m):
-            return self.plan(mapper, observation)
+            return self._decide(observation)
         if not left:
             reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
             return Plan(reason, stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
