@@ -238,6 +238,7 @@ def _refuse(*_):
     raise CheckpointError("The checkpoint at step 4 does not fit this run.")
 
 
+@pytest.mark.slow
 def test_a_link_to_the_latest_run_may_move_while_that_is_resumed(small, tmp_path):
     runs = tmp_path / "runs"
     config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=6, seed=3, device="cpu")
@@ -255,6 +256,7 @@ def test_a_link_to_the_latest_run_may_move_while_that_is_resumed(small, tmp_path
     assert not any(list((other / "depth").iterdir()) for other in made)
 
 
+@pytest.mark.slow
 def test_other_software_than_before_is_said_and_noted(small, tmp_path, caplog):
     folder = tmp_path / "run"
     config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=4, seed=3, device="cpu")

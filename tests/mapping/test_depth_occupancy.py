@@ -66,7 +66,7 @@ def test_voxel_arrays_are_indexed_layer_row_column(room):
     assert occupancy.state_at(np.array([[2.6, 1.5, 0.6]]))[0] == OCCUPIED
 
 
-@pytest.mark.parametrize("distance_m", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("distance_m", [pytest.param(1.0, marks=pytest.mark.slow), 2.0, 3.0])
 def test_a_thin_leg_is_never_carved_away(distance_m):
     room = Room(furniture=(LEG,))
     views = [room.observe(2.0, 2.2 - distance_m * 0.7, math.pi / 2 + turn, size=256) for turn in (-0.2, 0.0, 0.1) * 20]

@@ -18,7 +18,7 @@ FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.06, z_max_m=1.35)
     [
         "white_room",
         "small_apartment",
-        "aws_small_house",
+        pytest.param("aws_small_house", marks=pytest.mark.slow),
         "rmf_office",
         pytest.param("aws_hospital", marks=pytest.mark.slow),
     ],

@@ -178,6 +178,7 @@ def test_a_page_of_another_origin_reads_nothing(viewer):
             assert page.recv(4096).split()[1] == status
 
 
+@pytest.mark.slow
 def test_a_thousand_connections_that_say_nothing(viewer):
     """Half-open, malformed and oversized ones: an open page stays, a new one is served, and few files are open."""
     port, held = port_of(viewer), []

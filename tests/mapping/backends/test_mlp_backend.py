@@ -15,7 +15,7 @@ from tests.mapping.ray_room import Room
 @pytest.fixture
 def config() -> MappingConfig:
     anm = anm_mapping()
-    return replace(anm, schedule=replace(anm.schedule, first_iterations=40, iterations=8, keyframe_every=1))
+    return replace(anm, schedule=replace(anm.schedule, first_iterations=2, iterations=8, keyframe_every=1))
 
 
 @pytest.fixture
@@ -25,6 +25,7 @@ def rays(room: Room) -> RayBatch:
 
 @pytest.mark.slow
 def test_one_turn_in_a_room_teaches_its_distances(config, room):
+    config = replace(config, schedule=replace(config.schedule, first_iterations=40))
     learnt = NeuralMap(config, seed=0, device="cpu")
     for observation in room.turn(1.5, 1.5, 10):
         learnt.integrate(observation)

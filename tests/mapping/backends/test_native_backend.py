@@ -105,7 +105,7 @@ def test_losses_and_gradients_are_those_of_autograd(config, kernel, dtype, rays)
         assert relative_error(gradient, expected[name]) < 1e-5, name
 
 
-@all_configs
+@pytest.mark.parametrize("config", ["default", pytest.param("paper", marks=pytest.mark.slow), "odd"], indirect=True)
 def test_fifty_steps_lead_to_the_same_surface(config, rays):
     native = NativeBackend(config, seed=0)
     reference = TorchBackend(config, seed=0, device="cpu")

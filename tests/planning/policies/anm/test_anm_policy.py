@@ -1,3 +1,4 @@
+import copy
 import math
 
 import numpy as np
@@ -32,12 +33,17 @@ class Uncertain(BoxWorld):
         return self.points
 
 
-@pytest.fixture
-def policy() -> Anm:
+@pytest.fixture(scope="module")
+def looked_around() -> Anm:
     policy = Anm(PolicyContext(FOOTPRINT, AnmConfig()))
     for k in range(36):
         policy.observe(look(Pose2(0.0, 0.0, math.radians(10 * k))))
     return policy
+
+
+@pytest.fixture
+def policy(looked_around) -> Anm:
+    return copy.deepcopy(looked_around)
 
 
 @pytest.mark.parametrize(("high", "low", "side"), [(9.0, 8.0, 1.0), (8.0, 9.0, -1.0)])
