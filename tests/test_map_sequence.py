@@ -189,7 +189,8 @@ def test_a_run_that_left_an_image_out_is_read_by_all(sequence, tmp_path, capsys)
     assert main(["map", str(folder), "--out", str(out), "--preset", "quick"]) == 0
     assert [line["step"] for line in read_jsonl(out / "frames.jsonl")] == [*range(5), *range(6, 16)]
     assert main(["view", str(out), "--export-html", str(tmp_path / "replay.html")]) == 0
-    assert main(["export", str(out), "--format", "all", "--out", str(tmp_path / "exported")]) == 0
+    for name in ("colmap", "rosbag", "tum"):
+        assert main(["export", str(out), "--format", name, "--out", str(tmp_path / name)]) == 0
     assert main(["map", str(out), "--out", str(tmp_path / "again"), "--preset", "quick"]) == 0
     assert len(read_jsonl(tmp_path / "again" / "frames.jsonl")) == 15
     run = load_run(out)

@@ -40,6 +40,8 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.types import Footprint
 from tests.docs.pages import PAGES, ROOT, blocks, commands, files, inline_code, options, settings
 
+pytestmark = pytest.mark.usefixtures("quick_results")
+
 TEMPLATE = ROOT / "docs" / "templates" / "my_policy.py"
 SCHEDULE = ["--set", "mapping.schedule.first_iterations=5", "--set", "mapping.schedule.final_iterations=0"]
 QUICK = ["--set", "image_px=32", *SCHEDULE]
