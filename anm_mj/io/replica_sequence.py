@@ -30,21 +30,24 @@ class _ReplicaParameters(Struct):
 
 
 def read_replica(folder: Path) -> Sequence:
-    """The images in ``results/``, or in the folder itself, with the poses of ``traj.txt``. Raises OSError, ValueError
-    or RunFolderError if the camera or the poses are missing or damaged, or an image has no partner.
+    """The images in ``results/``, in ``rgb/`` and ``depth/``, or in the folder itself, with the poses of ``traj.txt``.
+    Raises OSError, ValueError or RunFolderError if the camera or the poses are missing or damaged, or an image has no
+    partner.
     """
     poses = _poses(folder / "traj.txt")
-    images = folder / "results" if (folder / "results").is_dir() else folder
-    colour = files_in_order(images, "frame*.jpg") or files_in_order(images, "frame*.png")
+    if (folder / "depth").is_dir() and (folder / "rgb").is_dir():
+        colour, depth = (files_in_order(folder / name, "*.*") for name in ("rgb", "depth"))
+    else:
+        images = folder / "results" if (folder / "results").is_dir() else folder
+        colour = files_in_order(images, "frame*.jpg") or files_in_order(images, "frame*.png")
+        depth = files_in_order(images, "depth*.*")
     beside = [place / "cam_params.json" for place in (folder, folder.parent)]
     stated = next((read_json(path) for path in beside if path.is_file()), None)
     if stated is None:
         raise RunFolderError(f"{folder} has no cam_params.json, neither in it nor beside it.")
     facts = convert(stated, _ReplicaParameters).camera
     camera = from_pixel_centres(facts.w, facts.h, (facts.fx, facts.fy, facts.cx, facts.cy))
-    coloured, measured = (
-        {_number(path): path for path in files} for files in (colour, files_in_order(images, "depth*"))
-    )
+    coloured, measured = ({_number(path): path for path in files} for files in (colour, depth))
     numbers = sorted(coloured.keys() | measured.keys())
     # Where numbers are missing, the count of poses says whether they have one.
     by_number = bool(numbers) and numbers[-1] - numbers[0] + 1 == len(poses)

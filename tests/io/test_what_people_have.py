@@ -93,6 +93,18 @@ def test_frames_of_replica_are_in_the_order_of_their_numbers(tmp_path):
     assert_on_the_walls(folder, 6)
 
 
+def test_images_of_replica_may_stand_in_folders_of_their_own(tmp_path):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    write_replica(folder)
+    for name, sign in (("rgb", "frame"), ("depth", "depth")):
+        (folder / name).mkdir()
+        for path in (folder / "results").glob(f"{sign}*"):
+            path.rename(folder / name / path.name.replace(sign, "" if name == "rgb" else "depth_"))
+    (folder / "results").rmdir()
+    assert_on_the_walls(folder, 6)
+
+
 def test_poses_of_replica_may_have_twelve_numbers(tmp_path):
     folder = tmp_path / "walk"
     folder.mkdir()
