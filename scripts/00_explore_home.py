@@ -6,9 +6,8 @@
 The same as ``anm-mj explore home --steps 300``, from Python.
 """
 
-import tyro
-
 import anm_mj
+from anm_mj.cli.command_line import run_script
 from anm_mj.events import Stepped
 
 
@@ -43,4 +42,4 @@ def main(scene: str = "home", policy: str = "gvg", steps: int = 300, seed: int =
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import trimesh
 import trimesh.visual
-import tyro
 
 import anm_mj
+from anm_mj.cli.command_line import run_script
 from anm_mj.scene.check import check_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.types import DEFAULT_FOOTPRINT
@@ -66,4 +66,4 @@ def main(mesh: Path | None = None, out: Path = Path("my_scene"), steps: int = 20
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -8,9 +8,8 @@ Two driven wheels and a camera are enough; motors, footprint, base frame and the
 
 from pathlib import Path
 
-import tyro
-
 import anm_mj
+from anm_mj.cli.command_line import run_script
 from anm_mj.cli.main import main as command
 
 ROBOT = """
@@ -61,4 +60,4 @@ def main(robot: str | None = None, scene: str = "home", drive: str = "kinematic"
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

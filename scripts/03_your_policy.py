@@ -10,9 +10,9 @@ and paths as the policies of the project do.
 from dataclasses import dataclass
 
 import numpy as np
-import tyro
 
 import anm_mj
+from anm_mj.cli.command_line import run_script
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import Action, Observation, Plan, Pose2
@@ -74,4 +74,4 @@ def main(scene: str = "home", steps: int = 300, seed: int = 0) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

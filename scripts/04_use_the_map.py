@@ -9,11 +9,11 @@ Leaves slice.png, view.png and map.glb in --out.
 from pathlib import Path
 
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 from PIL import Image
 
 import anm_mj
+from anm_mj.cli.command_line import run_script
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics
 
 
@@ -65,4 +65,4 @@ def main(run: Path | None = None, out: Path = Path(), height_m: float = 0.5, ste
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

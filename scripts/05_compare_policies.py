@@ -10,9 +10,8 @@ more policies or starts only adds what is missing.
 import csv
 from pathlib import Path
 
-import tyro
-
 from anm_mj.bench.comparison import run_bench
+from anm_mj.cli.command_line import run_script
 
 
 def main(
@@ -53,4 +52,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

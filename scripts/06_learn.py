@@ -12,12 +12,12 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import anm_mj.environments  # noqa: F401  Registers AnmMj/Explore-v0.
+from anm_mj.cli.command_line import run_script
 from anm_mj.environments.wrappers import Directions, KeepDistance, RepeatAction
 
 TRAINING, TEST, OUT = ("room", "flat", "office", "residence"), "home", Path("learned")
@@ -76,4 +76,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

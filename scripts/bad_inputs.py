@@ -15,7 +15,7 @@ from collections import Counter
 from itertools import islice
 from pathlib import Path
 
-import tyro
+from anm_mj.cli.command_line import run_script
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -60,4 +60,4 @@ def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1, skip:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

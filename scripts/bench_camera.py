@@ -24,6 +24,7 @@ from PIL import Image
 from rich.console import Console
 from rich.table import Table
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.frames import move_pose
 from anm_mj.scene.folder import Scene, load_scene, read_scene_folder
 from anm_mj.scene.mjcf import read_msh
@@ -237,4 +238,4 @@ def halved(part: Submesh, length_m: float) -> Submesh:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

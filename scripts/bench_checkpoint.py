@@ -16,10 +16,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import tyro
-
 import anm_mj.run
 from anm_mj.checkpoint.store import Checkpointer
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 
 
@@ -76,4 +75,4 @@ def _measured(scene: str, steps: int, seed: int, preset: str, with_them: bool) -
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
-import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.control.action_motion import action_motion
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.frames import move_pose, wrap_angle
@@ -253,4 +253,4 @@ def distance_m(a: Pose2, b: Pose2) -> float:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

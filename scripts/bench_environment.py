@@ -15,6 +15,7 @@ import numpy as np
 import tyro
 
 import anm_mj.environments  # noqa: F401  registers the environment
+from anm_mj.cli.command_line import run_script
 from anm_mj.sim import gl
 
 _ACTIONS = (1, 1, 1, 2, 3)
@@ -67,4 +68,4 @@ def _drive(env: gymnasium.Env, random: np.random.Generator, steps: int) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

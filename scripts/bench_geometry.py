@@ -19,6 +19,7 @@ import tyro
 from jaxtyping import Bool, Int
 from scipy import ndimage
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.events import Observed
 from anm_mj.explore import explore
@@ -160,4 +161,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

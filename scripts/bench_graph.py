@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import tyro
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import borders_unknown
 from anm_mj.planning.field_of_view import FieldOfView
@@ -212,4 +212,4 @@ def _topdown(plan: Plan, pose: Pose2) -> TopDownMap:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

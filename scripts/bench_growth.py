@@ -28,6 +28,7 @@ import torch
 import tyro
 from jaxtyping import Float
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.evaluation.rerender import explored_scene, observations_of
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.frames import pixel_directions
@@ -239,4 +240,4 @@ def mean_of(rows: Sequence[Row], column: str, kind: str) -> float:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

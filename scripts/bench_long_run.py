@@ -27,6 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 import anm_mj
+from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 from anm_mj.utils.memory import malloc_trim
 
@@ -175,4 +176,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

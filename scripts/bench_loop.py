@@ -30,6 +30,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.events import Ended, On
 from anm_mj.mapping.mapping_config import MappingConfig
@@ -370,4 +371,4 @@ def print_budget(budget: Budget, console: Console) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

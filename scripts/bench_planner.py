@@ -21,9 +21,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import tyro
 from jaxtyping import Float, Float32
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.events import Ended, Observed, Observer, Stepped
@@ -207,4 +207,4 @@ def run(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

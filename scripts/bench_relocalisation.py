@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.frames import pose_matrix, relative_pose, wrap_angle
 from anm_mj.localisation.field_localiser import FieldLocaliser
@@ -193,4 +194,4 @@ def summary(trials: list[Trial]) -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.io.read_run import read_run
 from anm_mj.io.ros_messages import seconds
 from anm_mj.ros import names
@@ -141,4 +141,4 @@ def command(*words: object) -> subprocess.Popen:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

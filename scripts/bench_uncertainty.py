@@ -23,6 +23,7 @@ import tyro
 from jaxtyping import Float
 from scipy.stats import rankdata
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.run_folder import RunFolder
@@ -167,4 +168,4 @@ def table(rows: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

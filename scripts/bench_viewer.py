@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 from anm_mj.api import explore_scene
+from anm_mj.cli.command_line import run_script
 from anm_mj.viz.live_view import LiveView
 from anm_mj.viz.page_server import PageServer
 
@@ -127,4 +127,4 @@ def _num_files() -> int:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

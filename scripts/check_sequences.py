@@ -16,9 +16,9 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-import tyro
 from recorded_faults import KINDS, Recording, Walk, faulty, sound, walks
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.sequence_check.correction import Correction
 from anm_mj.sequence_check.correction_trial import CorrectionTrial
 from anm_mj.sequence_check.evidence import Evidence, gather
@@ -173,4 +173,4 @@ def _print(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.sim.gl import select_backend
 
 select_backend()
@@ -125,4 +126,4 @@ def _exported(arena, folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.frames import wrap_angle
@@ -206,4 +207,4 @@ def ahead_of(robot: "SimRobot", heading_rad: float) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

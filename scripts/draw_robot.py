@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import tyro
 from jaxtyping import UInt8
 from PIL import Image
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Pose2
@@ -76,4 +76,4 @@ def view_from_beside(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

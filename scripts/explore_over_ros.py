@@ -26,6 +26,7 @@ from typing import IO, Annotated, Any
 import numpy as np
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.config import DEFAULT_PRESET, make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.frames import pose_matrix
@@ -177,4 +178,4 @@ def command(*words: object, file: IO[str] | None = None) -> subprocess.Popen:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 import anm_mj.environments  # noqa: F401  Registers AnmMj/Explore-v0.
+from anm_mj.cli.command_line import run_script
 
 
 def main(scene: tyro.conf.Positional[str], num_envs: int = 2, num_steps: int = 200, seed: int = 0) -> None:
@@ -49,4 +50,4 @@ def main(scene: tyro.conf.Positional[str], num_envs: int = 2, num_steps: int = 2
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

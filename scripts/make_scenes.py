@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.scene.generation.generate_scene import generate_scene
 
 _Kind = Literal["apartment", "office"]
@@ -38,4 +39,4 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = tuple(SCENES)
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import tyro
 
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval, scene_means
+from anm_mj.cli.command_line import run_script
 from anm_mj.io.read_run import read_json
 from anm_mj.types import StopReason
 
@@ -67,4 +68,4 @@ def _cell(values: list[Any], key: str) -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

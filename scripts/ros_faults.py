@@ -28,8 +28,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.io.ros_messages import seconds
 from anm_mj.ros import names
 from anm_mj.ros.node import LATCHED, STATE, Delivery, Node
@@ -307,4 +307,4 @@ def command(log: Path, *words: object):
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

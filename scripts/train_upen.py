@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import tyro
 from scipy import ndimage
 from torch import Tensor
 
+from anm_mj.cli.command_line import run_script
 from anm_mj.frames import cell_to_world, world_to_cell
 from anm_mj.planning.policies.upen.occupancy_net import CLASSES, VOID, WIDTHS, layer_shapes, predict
 from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, egocentric_crop
@@ -189,4 +189,4 @@ def _map(state: np.ndarray, origin_xy_m: np.ndarray) -> TopDownMap:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)
