@@ -31,8 +31,9 @@ def read_action(action: Any, actions: str, stop: bool) -> Action | Twist:
         return _read_velocity(action)
     allowed = MOVES_AND_STOP if stop else MOVES
     try:
-        number = int(action)
-    except (TypeError, ValueError):
+        # A fraction, and a digit as text, are no choice, though int() takes them.
+        number = int(action) if int(action) == action else -1
+    except (TypeError, ValueError, OverflowError):
         number = -1
     if not 0 <= number < len(allowed):
         choices = ", ".join(f"{k} {choice.name}" for k, choice in enumerate(allowed))

@@ -17,7 +17,7 @@ RANGE_M = 4.7
 
 
 class RepeatAction(gymnasium.Wrapper):
-    """Executes every action several times, up to a collision or the end; rewards add up.
+    """Executes every action several times, up to a collision or the end; rewards, and the ``cost`` in ``info``, add up.
 
     A step of 6.5 cm or 10 degrees changes little: an agent that draws every step at random stays where it is.
     """
@@ -32,15 +32,16 @@ class RepeatAction(gymnasium.Wrapper):
         self._times = times
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Execute an action; observation and ``info`` are the last ones."""
+        """Execute an action; observation and all else in ``info`` are the last ones."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        total = float(reward)
+        total, cost = float(reward), info.get("cost", 0.0)
         for _ in range(self._times - 1):
             if terminated or truncated or info["collided"]:
                 break
             observation, reward, terminated, truncated, info = self.env.step(action)
             total += float(reward)
-        return observation, total, terminated, truncated, info
+            cost += info.get("cost", 0.0)
+        return observation, total, terminated, truncated, {**info, "cost": cost} if "cost" in info else info
 
 
 class KeepDistance(gymnasium.Wrapper):

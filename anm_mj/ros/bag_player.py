@@ -15,6 +15,8 @@ from anm_mj.ros.node import FRAMES, LATCHED, STATE, Delivery, Node, Publisher
 _ALWAYS_LATCHED = {"tf_static": FRAMES, "robot_description": LATCHED}
 """Whatever a recording says of them."""
 _TRANSIENT_LOCAL = 1
+_LOOK_S = 0.1
+"""So often it looks whether to end, also where a recording pauses [s]."""
 _AHEAD_S = 1.0
 """Topics are announced so long before their first message [s]: subscribers need time to find them."""
 
@@ -43,9 +45,8 @@ def play(
             at_s = 1e-9 * (at_ns - reader.start_time)
             if at_s > duration_s:
                 break
-            wait_s = begin + at_s / rate - time.monotonic()
-            if wait_s > 0.0:
-                time.sleep(wait_s)
+            while (wait_s := begin + at_s / rate - time.monotonic()) > 0.0 and not until():
+                time.sleep(min(wait_s, _LOOK_S))
             if until():
                 break
             to[connection.topic].publish_cdr(bytes(raw))

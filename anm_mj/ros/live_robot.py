@@ -233,6 +233,9 @@ class LiveRobot:
 
     def _posed(self, seen: Rgbd) -> Observation | None:
         """An image with its pose; None while that is not known."""
+        if self.goals is not None:
+            # It drives on: the last pose from before the image is not that of the image.
+            self._poses.wait_newer(math.nextafter(seen.time_s, -math.inf), _PATIENCE_S)
         pose, T_base_camera = self._poses.base(seen.time_s), self._poses.camera(seen.frame, seen.time_s)
         if pose is None or T_base_camera is None:
             return None

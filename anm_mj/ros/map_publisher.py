@@ -78,9 +78,9 @@ class MapPublisher:
 
     def _observed(self, seen: Observation, estimate: PoseEstimate | None) -> None:
         self._now_s = seen.time_s
-        odometry = self._poses.base(seen.time_s)
-        if odometry is not None:
-            self._T_map_odom = pose_matrix(seen.pose) @ np.linalg.inv(pose_matrix(odometry))
+        T_odom_base = self._poses.in_odometry_frame(seen.time_s)
+        if T_odom_base is not None:
+            self._T_map_odom = pose_matrix(seen.pose) @ np.linalg.inv(T_odom_base)
         make = self._node.messages
         covariance = np.zeros(36)
         if estimate is not None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import relative_pose, wrap_angle
+from anm_mj.frames import move_pose, relative_pose, wrap_angle
 from anm_mj.loop_state import LoopState
 from anm_mj.ros.health import Health
 from anm_mj.ros.names import MAP
@@ -39,11 +39,14 @@ CANCEL = ServiceKind(
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """Of ``action_msgs/GoalStatus``."""
 _PATIENCE_S = 0.25
-_QUARTER_RAD = math.pi / 2
-"""A turn on the spot is a goal so far ahead; navigations take less than a step for arrived."""
+_QUARTER_RAD, _AHEAD_M = math.pi / 2, 0.5
+"""A turn on the spot, or a forward move without a target, is a goal so far ahead; navigations take less than a step for
+arrived."""
 _RESTS_S = 1.0
 """Where nobody says that a goal is reached: a robot near it that has not moved for so long is there [s]."""
 _NEAR_M = 0.5
+_MOVED_M, _MOVED_RAD = 0.01, 0.02
+"""Less is no motion."""
 _STUCK_S = 20.0
 """A robot that has not moved for so long on its way is stuck; navigations take their time to recover [s]."""
 
@@ -180,9 +183,13 @@ class GoalDriver:
         self._latest_s = 0.0
 
     def act(self, action: Action, is_over: Callable[[], bool]) -> bool:
-        """Let the robot move by about one action; whether it cannot."""
+        """Let the robot move by about one action, or stop it to wait; whether it cannot."""
+        if action is Action.WAIT:
+            self.stop()
+            self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
+            return False
         start = pose = self._last()
-        turned, moved_at, since = 0.0, start, time.monotonic()
+        turned, moved_at, since, goes_on = 0.0, start, time.monotonic(), False
         self._send_for(action)
         while not is_over():
             new = self._poses.wait_newer(self._poses.latest_s, _PATIENCE_S)
@@ -196,20 +203,22 @@ class GoalDriver:
             self._odometry = pose = new
             if math.dist(pose.xy_m, start.xy_m) >= FORWARD_STEP_M or abs(turned) >= TURN_STEP_RAD:
                 return False
-            if math.dist(pose.xy_m, moved_at.xy_m) > 0.01 or abs(wrap_angle(pose.yaw_rad - moved_at.yaw_rad)) > 0.02:
+            turned_rad = abs(wrap_angle(pose.yaw_rad - moved_at.yaw_rad))
+            if math.dist(pose.xy_m, moved_at.xy_m) > _MOVED_M or turned_rad > _MOVED_RAD:
                 moved_at, since = pose, time.monotonic()
             told, rests_s = self._navigation.told, time.monotonic() - since
             if told.is_over or (rests_s > _RESTS_S and math.dist(self._in_map().xy_m, self._goal.xy_m) < _NEAR_M):
-                turns, self._serves = isinstance(self._serves, int), None
-                if turns and (told.reached or not told.is_over):
-                    # One quarter is done, and the action wants to turn on.
+                has_target, self._serves = not isinstance(self._serves, int), None
+                if not (has_target or goes_on) and (told.reached or not told.is_over):
+                    # Its goal is reached, and the action wants to go on: one more is far enough for that.
                     self._send_for(action)
-                    since = time.monotonic()
+                    since, goes_on = time.monotonic(), True
                     continue
                 # A navigation stops within its own tolerance; the policy decides from there.
                 self._state.follower.drop()
                 reached = told.reached or not told.is_over
-                return not reached or (pose.xy_m == start.xy_m and action is Action.MOVE_FORWARD)
+                stays = math.dist(pose.xy_m, start.xy_m) < _MOVED_M
+                return not reached or (stays and action is Action.MOVE_FORWARD)
             if rests_s > _STUCK_S:
                 _logger.warning("The robot did not move for %g s towards its goal.", _STUCK_S)
                 self.stop()
@@ -231,13 +240,14 @@ class GoalDriver:
     def _send_for(self, action: Action) -> None:
         plan, here = self._state.plan, self._in_map()
         target = None if plan is None else plan.target_xy_m
-        if plan is not None and target is not None and math.dist(target, here.xy_m) > ARRIVED_M:
+        side = {Action.TURN_LEFT: 1, Action.TURN_RIGHT: -1}.get(action, 0)
+        # A robot that drove on while the run decided may be there already: the navigation says so.
+        if plan is not None and target is not None and (not side or math.dist(target, here.xy_m) > ARRIVED_M):
             way = target - (plan.path_xy_m[-2] if len(plan.path_xy_m) > 1 else here.xy_m)
             yaw = plan.headings_rad[0] if plan.headings_rad else math.atan2(way[1], way[0])
             serves, goal = plan, Pose2(float(target[0]), float(target[1]), float(yaw))
         else:
-            side = {Action.TURN_LEFT: 1, Action.TURN_RIGHT: -1}.get(action, 0)
-            serves, goal = side, Pose2(here.x_m, here.y_m, wrap_angle(here.yaw_rad + side * _QUARTER_RAD))
+            serves, goal = side, move_pose(here, 0.0 if side else _AHEAD_M, side * _QUARTER_RAD)
         if serves is not self._serves or (self._serves is not None and self._navigation.told.is_over):
             self._serves, self._goal, self._latest_s = serves, goal, self._poses.latest_s
             self._navigation.send(goal, self._latest_s)

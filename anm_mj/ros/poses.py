@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
+from anm_mj.frames import pose_matrix
 from anm_mj.io.bag_poses import FrameTree, Track
 from anm_mj.io.ros_messages import place_and_turn, seconds
 from anm_mj.ros.health import Health
@@ -37,7 +38,7 @@ class Poses:
         self._health, self._base_frame = health, base_frame
         self._tree = FrameTree()
         self._odometry = Track("the odometry", gap_s=_GAP_S)
-        self._child = BASE
+        self._frame, self._child = ODOM, BASE
         self._news = threading.Condition()
         self._publishers: dict[tuple[str, str], dict[int, float]] = {}
         self.source = ""
@@ -54,6 +55,7 @@ class Poses:
         if not np.isfinite(values).all():
             raise ValueError("a pose that is not finite is left out")
         with self._news:
+            self._frame = message.header.frame_id.lstrip("/") or self._frame
             self._child = message.child_frame_id.lstrip("/") or self._child
             _add(self._odometry, time_s, values)
             self._news.notify_all()
@@ -119,6 +121,19 @@ class Poses:
             return None
         return Pose2(float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0]))
 
+    def in_odometry_frame(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
+        """The pose of :meth:`base` in :attr:`odometry_frame` at a time; None where it is not known. A topic's frame may
+        stand in others, as in one of a world that several robots share. Raises RobotError if the frames are no tree.
+        """
+        pose = self.base(time_s)
+        if pose is None or self.source == TREE:
+            return None if pose is None else pose_matrix(pose)
+        with self._news:
+            if self._frame not in self._tree.parents:
+                return pose_matrix(pose)
+            above = self._link(self._frame, self.odometry_frame, time_s)
+        return None if above is None else above @ pose_matrix(pose)
+
     def camera(self, camera_frame: str, time_s: float) -> Float[np.ndarray, "4 4"] | None:
         """``T_base_camera`` at a time; None where the frames do not say. Raises RobotError if they are no tree."""
         with self._news:
@@ -134,13 +149,13 @@ class Poses:
 
     @property
     def odometry_frame(self) -> str:
-        """The frame that poses are in: the root of the frames as it was at first, before this program adds one. Raises
-        RobotError if they are no tree.
+        """The root of the frames as it was at first, before this program adds one; that of a topic of odometry where
+        the base has none above it. Raises RobotError if they are no tree.
         """
         with self._news:
             if not self._root and self.base_frame in self._tree.parents:
                 self._root = self._chain()[-1]
-            return self._root or ODOM
+            return self._root or self._frame
 
     def _moving(self) -> Track | None:
         if self.source != TREE:

@@ -160,9 +160,19 @@ class RgbdIntake:
             if time_s <= self.latest_s:
                 return
             near = min(self._colours, key=lambda colour: abs(colour[0] - time_s), default=None)
-            if near is not None and abs(near[0] - time_s) <= self._match_s:
-                self._take(time_s, near[1], message)
-                return
+            if near is None or abs(near[0] - time_s) > self._match_s or self._comes_nearer(time_s):
+                continue
+            self._take(time_s, near[1], message)
+            return
+
+    def _comes_nearer(self, time_s: float) -> bool:
+        """Whether the next colour image, if it comes as long after the last as that after the one before, is nearer to
+        a stamp [s] than the last: depth may come before the colour of its time.
+        """
+        if len(self._colours) < 2:
+            return False
+        before_s, last_s = self._colours[-2][0], self._colours[-1][0]
+        return abs(2.0 * last_s - before_s - time_s) < abs(last_s - time_s)
 
     def _take(self, time_s: float, colour: Any, depth: Any) -> None:
         assert self._camera is not None

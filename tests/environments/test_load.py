@@ -259,7 +259,7 @@ def test_another_robot(whole_surface):
     environment.close()
 
 
-@pytest.mark.parametrize("action", [4, -1, "left", None])
+@pytest.mark.parametrize("action", [4, -1, "left", None, 1.7, "1", math.inf, [1, 2]])
 def test_invalid_action(environment, action):
     environment.reset()
     with pytest.raises(TaskError, match="is no action; give one of 0 STOP, 1 MOVE_FORWARD"):

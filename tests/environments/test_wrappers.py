@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from anm_mj.environments.wrappers import RANGE_M, Directions, RepeatAction
+from anm_mj.environments.wrappers import RANGE_M, Directions, KeepDistance, RepeatAction
 from anm_mj.errors import TaskError
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 
@@ -25,13 +25,23 @@ class Corridor(gymnasium.Env):
 
     def step(self, action):
         self.steps += 1
-        return {"topdown": self.topdown}, 1.0, False, self.steps == 7, {"collided": self.steps == 5}
+        info = {"collided": self.steps == 5, "people_m": 0.25 * self.steps}
+        return {"topdown": self.topdown}, 1.0, False, self.steps == 7, info
 
 
 def test_an_action_is_repeated_up_to_a_collision_or_the_end():
     env = RepeatAction(Corridor(), times=4)
     env.reset()
     assert [env.step(0)[1:4] for _ in range(3)] == [(4.0, False, False), (1.0, False, False), (2.0, False, True)]
+
+
+def test_costs_of_a_repeated_action_add_up_as_its_rewards_do():
+    env = RepeatAction(KeepDistance(Corridor(), within_m=1.0, weight=2.0), times=3)
+    env.reset()
+    _, reward, _, _, info = env.step(0)
+    assert info["cost"] == pytest.approx(2.0 * (0.75 + 0.5 + 0.25))
+    assert reward == pytest.approx(3.0 - info["cost"])
+    assert "cost" not in RepeatAction(env.unwrapped, times=1).step(0)[4]
 
 
 def test_directions_are_those_of_the_map():

@@ -97,3 +97,10 @@ def test_a_recording_has_no_options_of_a_robot(bag, capsys, option):
 def test_a_duration_that_is_none_is_one_sentence(bag, capsys, duration):
     assert main(["simulate", str(bag), "--ros", f"--duration={duration}"]) == 2
     assert "give a number of seconds above 0" in capsys.readouterr().err
+
+
+def test_playing_ends_also_where_the_recording_pauses(bag: Path, node: Node):
+    begin = time.monotonic()
+    # Half a second was recorded, which takes 50 s.
+    assert play(bag, node, rate=0.01, until=lambda: time.monotonic() - begin > 1.5) == 4
+    assert time.monotonic() - begin < 5.0

@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RobotError
+from anm_mj.events import Observed
+from anm_mj.frames import pose_matrix
 from anm_mj.io.ros_messages import RosMessages
 from anm_mj.ros.commander import STILL, Commander
+from anm_mj.ros.connect import Connection
 from anm_mj.ros.drive_config import RosConfig
 from anm_mj.ros.health import Health
+from anm_mj.ros.map_publisher import MapPublisher
 from anm_mj.ros.node import Node
 from anm_mj.ros.poses import TREE, Poses
 from anm_mj.types import Pose2, Twist
+from tests.box_room import observe
 from tests.ros.conftest import wait_until
 
 
@@ -80,3 +85,35 @@ def test_a_base_in_two_frames_is_told_and_the_robot_is_stopped():
         commander.close()
     assert commander._now == STILL
     assert sent.call_args.args[0].twist.linear.x == 0.0
+
+
+def test_the_map_meets_the_robot_where_its_odometry_stands_in_a_frame_of_the_world():
+    make, health = RosMessages(), Health(0.2)
+    poses, node = Poses(health, ""), Mock(spec=Node, messages=make)
+    poses.source = "the odometry on /robot1/odom"
+    world, here = Pose2(3.0, -2.0, 0.5), Pose2(1.0, 0.4, 0.2)
+    publisher = MapPublisher(Mock(Connection, node=node, poses=poses, health=health))
+    sent = node.publisher.return_value.publish
+    poses.hear_odometry(make.odometry(5.0, "robot1/odom", "robot1/base", here))
+
+    def told():
+        sent.reset_mock()
+        seen = replace(observe(0, Pose2(1.1, 0.4, 0.2)), time_s=5.0)
+        publisher.on_event(Mock(Observed, observation=seen, estimate=None))
+        publisher.tell(force=True)
+        links = [m.args[0].transforms[0] for m in sent.call_args_list if hasattr(m.args[0], "transforms")]
+        place = links[-1].transform.translation
+        return links[-1].child_frame_id, (place.x, place.y, place.z)
+
+    # Nobody says more of frames: the odometry's own.
+    frame, place = told()
+    assert frame == "robot1/odom"
+    assert place == pytest.approx((0.1, 0.0, 0.0), abs=1e-9)
+
+    links = [make.base_link("world", "robot1/odom", world)]
+    poses.hear_frames(make.transforms(0.0, links), 1, static=True)
+    poses.hear_frames(make.transforms(5.0, [make.base_link("robot1/odom", "robot1/base", here)]), 1, static=False)
+    frame, place = told()
+    assert frame == "world"
+    T_map_world = pose_matrix(Pose2(1.1, 0.4, 0.2)) @ np.linalg.inv(pose_matrix(world) @ pose_matrix(here))
+    assert place == pytest.approx(tuple(T_map_world[:3, 3]), abs=1e-9)

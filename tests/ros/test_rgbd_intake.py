@@ -69,3 +69,27 @@ def test_colour_that_cannot_be_used_is_a_fault_and_costs_its_pair(intake, health
     intake.hear_depth(MAKE.image(2.3, "camera", DEPTH_M))
     assert intake.wait_newer(-np.inf, 0.0).time_s == 2.1
     assert intake.latest_s == 2.2
+
+
+def test_depth_that_comes_before_its_colour_waits_for_it(intake):
+    for number in range(20):
+        time_s = 2.0 + number / 60.0
+        colour = np.full((48, 64, 3), number, np.uint8)
+        intake.hear_depth(MAKE.image(time_s, "camera", DEPTH_M))
+        intake.hear_colour(MAKE.image(time_s, "camera", colour))
+        seen = intake.wait_newer(-np.inf, 0.0)
+        # One image does not tell when the next one comes.
+        if number > 1:
+            assert seen.time_s == pytest.approx(time_s)
+            assert seen.rgb[0, 0, 0] == number
+
+
+def test_depth_between_two_colours_waits_for_the_second_only_where_that_is_nearer(intake):
+    for late_s, waits in ((0.005, False), (0.012, True)):
+        for number in range(3):
+            intake.hear_colour(raw(5.0 + late_s + number / 60.0))
+        time_s = 5.0 + 2.0 * late_s + 2.0 / 60.0
+        intake.hear_depth(MAKE.image(time_s, "camera", DEPTH_M))
+        assert (intake.latest_s == pytest.approx(time_s)) != waits
+        intake.hear_colour(raw(5.0 + late_s + 3.0 / 60.0))
+        assert intake.latest_s == pytest.approx(time_s)
