@@ -27,7 +27,7 @@ from anm_mj.robot.compiled_robot import (
     unused_name,
 )
 from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
-from anm_mj.robot.isolate import give_free_joint, hangs_on_joint, isolate_robot, lock_joints
+from anm_mj.robot.isolate import give_free_joint, hangs_on_joint, isolate_robot, keep_masses, lock_joints
 from anm_mj.robot.joint_positions import at_key_frame
 from anm_mj.robot.reduced_model import reduced_mjcf
 from anm_mj.robot.robot_camera import (
@@ -135,9 +135,13 @@ def describe_robot(
     spec = given or _read(path)
     name_all(spec.bodies, "body")
     name_all(spec.joints, "joint")
+    # Beside a camera with a name, those without are none to see by.
+    if not any(camera.name for camera in spec.cameras if camera.parent.name != "world"):
+        name_all(spec.cameras, "camera")
     # A URDF's base, fused with the world, would be gone.
     spec.compiler.fusestatic = False
     model = _compiled(spec, path)
+    keep_masses(spec, model)
     if free_endless_hinges(spec, model):
         model = _compiled(spec, path)
     data, key_frame = at_key_frame(model, config.keyframe, path)

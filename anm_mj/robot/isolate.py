@@ -4,10 +4,30 @@ import mujoco
 import numpy as np
 
 from anm_mj.mjcf.poses import body_pose, set_pose
+from anm_mj.mjcf.read_mjcf import compile_spec
 from anm_mj.robot.compiled_robot import joints_above, name_all
 
 ROBOT_GROUP = 1
 """Group of the robot's geoms: visible in viewers, hidden from the robot's own camera."""
+
+
+def keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Write into the elements of a spec, which is changed in place, what its ``<compiler>`` makes of their masses: in a
+    scene, and once geoms have another group, it would make something else. ``model`` is compiled from the spec.
+    """
+    if spec.compiler.settotalmass > 0.0:
+        spec.compiler.settotalmass = -1.0
+        scale = float(model.body_mass.sum()) / max(float(compile_spec(spec).body_mass.sum()), 1e-9)
+        for geom in spec.geoms:
+            geom.mass, geom.density = geom.mass * scale, geom.density * scale
+        for body in spec.bodies:
+            body.mass, body.inertia, body.fullinertia = (
+                scale * value for value in (body.mass, body.inertia, body.fullinertia)
+            )
+    first, last = spec.compiler.inertiagrouprange
+    for geom in [geom for geom in spec.geoms if not first <= geom.group <= last]:
+        geom.mass = 0.0
+    spec.compiler.inertiagrouprange = [0, mujoco.mjNGROUP - 1]
 
 
 def lock_joints(
@@ -50,9 +70,9 @@ def _uncouple(spec: mujoco.MjSpec) -> None:
     """Remove what couples the wheels to each other or carries the robot: equalities, tendons, gravity compensation."""
     tendons = list(spec.tendons)
     if tendons:
-        of_tendons = [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON]
-        for element in [*of_tendons, *[s for s in spec.sensors if s.objtype == mujoco.mjtObj.mjOBJ_TENDON]]:
-            spec.delete(element)
+        remove_actuators(spec, [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON])
+        for sensor in [s for s in spec.sensors if s.objtype == mujoco.mjtObj.mjOBJ_TENDON]:
+            spec.delete(sensor)
     # What bends hangs on equalities, and belongs to no body that drives.
     for element in [*spec.equalities, *tendons, *spec.flexes, *spec.skins]:
         spec.delete(element)
@@ -74,7 +94,7 @@ def _names(spec: mujoco.MjSpec) -> set[str]:
 
 def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:
     """Remove the world around the robot, with what is said of contacts with it and sensors of it, lights, skies, key
-    frames and global settings; hide the robot from its own camera.
+    frames, tuples and global settings; hide the robot from its own camera.
     """
     world = spec.worldbody
     before = _names(spec)
@@ -86,13 +106,14 @@ def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:
     pairs = [one for one in spec.pairs if gone & {one.geomname1, one.geomname2}]
     excludes = [one for one in spec.excludes if gone & {one.bodyname1, one.bodyname2}]
     sensors = [one for one in spec.sensors if gone & {one.objname, one.refname}]
-    for element in [*pairs, *excludes, *sensors, *spec.lights, *spec.keys]:
+    for element in [*pairs, *excludes, *sensors, *spec.lights, *spec.keys, *spec.tuples]:
         spec.delete(element)
     for texture in [t for t in spec.textures if t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX]:
         spec.delete(texture)
     # The scene sets time step, gravity and light.
     spec.option, spec.visual, spec.stat = (empty := mujoco.MjSpec()).option, empty.visual, empty.stat
     spec.njmax = spec.nconmax = -1
+    spec.nkey = 0
     name_all(spec.geoms, "geom")
     name_all(spec.actuators, "actuator")
     for geom in spec.geoms:
@@ -117,7 +138,15 @@ def give_free_joint(spec: mujoco.MjSpec, root: str, name: str) -> str:
 
 def remove_joints(spec: mujoco.MjSpec, names: set[str]) -> None:
     """Remove joints, with the actuators and sensors on them."""
-    for element in [a for a in spec.actuators if a.target in names] + [s for s in spec.sensors if s.objname in names]:
+    remove_actuators(spec, [a for a in spec.actuators if a.target in names])
+    joints = [joint for joint in spec.joints if joint.name in names]
+    for element in [*[s for s in spec.sensors if s.objname in names], *joints]:
         spec.delete(element)
-    for joint in [joint for joint in spec.joints if joint.name in names]:
-        spec.delete(joint)
+
+
+def remove_actuators(spec: mujoco.MjSpec, actuators: list["mujoco._specs.MjsActuator"]) -> None:
+    """Remove actuators, with the sensors of what they do."""
+    names = {actuator.name for actuator in actuators}
+    sensors = [s for s in spec.sensors if s.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and s.objname in names]
+    for element in [*actuators, *sensors]:
+        spec.delete(element)

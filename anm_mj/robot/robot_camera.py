@@ -78,8 +78,7 @@ def use_field_of_view(robot: CompiledRobot, name: str) -> None:
         element.fovy = math.degrees(
             2.0 * math.atan(model.cam_sensorsize[camera, 1] / 2.0 / model.cam_intrinsic[camera, 1])
         )
-        element.sensor_size = [0.0, 0.0]
-        element.focal_length = element.focal_pixel = element.principal_length = element.principal_pixel = [0.0, 0.0]
+        _forget_sensor(element)
 
 
 def mount_camera(spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, "4 4"], pose: CameraPose) -> str:
@@ -93,7 +92,10 @@ def mount_camera(spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, 
     T_root_camera = T_root_base @ T_base_camera @ T_GL_CV
     quat = quaternion_of(T_root_camera[:3, :3])
     name = unused_name(CAMERA, spec.camera)
-    spec.body(root).add_camera(name=name, pos=T_root_camera[:3, 3], quat=quat, fovy=pose.fovy_deg)
+    camera = spec.body(root).add_camera(name=name, pos=T_root_camera[:3, 3], quat=quat, fovy=pose.fovy_deg)
+    # Not those of the file's defaults.
+    camera.mode, camera.proj = mujoco.mjtCamLight.mjCAMLIGHT_FIXED, mujoco.mjtProjection.mjPROJ_PERSPECTIVE
+    _forget_sensor(camera)
     return name
 
 
@@ -219,6 +221,12 @@ def require_outside(spec: mujoco.MjSpec, camera: str, source: str, path: Path) -
                 f"The camera {camera} of {path} is {100 * depth_m:.1f} cm inside the robot's body (geom "
                 f"{model.geom(other).name}); mount it outside, as by --set model.camera_pose=x,y,z,pitch,fovy."
             )
+
+
+def _forget_sensor(element: "mujoco._specs.MjsCamera") -> None:
+    """Let a camera's field of view alone describe it."""
+    element.sensor_size = [0.0, 0.0]
+    element.focal_length = element.focal_pixel = element.principal_length = element.principal_pixel = [0.0, 0.0]
 
 
 def _fixed_cameras(model: mujoco.MjModel) -> list[int]:

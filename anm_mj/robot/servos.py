@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from anm_mj.mjcf.poses import set_pose
 from anm_mj.robot.compiled_robot import lowest_m, solid_geoms, unused_name
-from anm_mj.robot.isolate import remove_joints
+from anm_mj.robot.isolate import remove_actuators, remove_joints
 from anm_mj.robot.reduced_model import PLANAR_JOINTS
 from anm_mj.robot.wheels import least_armature
 
@@ -54,9 +54,9 @@ def fit_servos(
         servo = next((a for a in on_wheel if _is_fit(model, a.name, wheel, kv, least)), None)
         for actuator in on_wheel:
             top_radps = min(top_radps, _top_speed(model, actuator.name))
-            if actuator is not servo:
-                replaced.append(actuator.name)
-                spec.delete(actuator)
+        others = [actuator for actuator in on_wheel if actuator is not servo]
+        replaced += [actuator.name for actuator in others]
+        remove_actuators(spec, others)
         if servo is None:
             name = unused_name(f"{wheel}_motor", spec.actuator)
             servo = spec.add_actuator(name=name, target=wheel, trntype=mujoco.mjtTrn.mjTRN_JOINT)

@@ -130,12 +130,15 @@ def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: l
             size=[wheel.radius_m, wheel.radius_m, wheel.half_width_m],
             pos=wheel.centre_in_body_m,
             quat=quaternion,
-            # Explicit, because the file's defaults may be for other bodies: without friction, without contacts.
+            # Explicit, because the file's defaults may be for other bodies: without friction, without contacts, or with
+            # a margin, which would carry the robot.
             contype=1,
             conaffinity=1,
             condim=max(int(touching.condim[0]), 3),
             friction=touching.friction,
             priority=int(touching.priority[0]),
+            margin=0.0,
+            gap=0.0,
             mass=0.0,
             group=4,
         )
@@ -161,6 +164,7 @@ def let_casters_slide(
                 "model.left_wheel=NAME --set model.right_wheel=NAME."
             )
         geom.condim, geom.priority = 1, max(geom.priority, 1)
+        geom.margin = geom.gap = 0.0
         if sinks_m > _SINKS_M:
             geom.contype = geom.conaffinity = 0
             place = np.append(lowest_xy_m(model, data, caster), T_world_base[2, 3] + _SPHERE_M)
@@ -173,6 +177,8 @@ def let_casters_slide(
                 pos=local,
                 condim=1,
                 priority=max(int(geom.priority), 1),
+                margin=0.0,
+                gap=0.0,
                 mass=0.0,
                 group=4,
             )

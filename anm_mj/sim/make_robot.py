@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from anm_mj.errors import ConfigError, RobotError, SceneError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, CameraConfig, RobotConfig
-from anm_mj.robot.robot_presets import robot_path
+from anm_mj.robot.robot_presets import preset_config, robot_path
 from anm_mj.scene.navigable import require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.sensors.sensor_config import SensorConfig
@@ -67,10 +67,11 @@ def make_robot(
         forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
             other camera can render the model then.
         **options: fields of :class:`SimulationConfig` that take the place of those of ``config``, as in
-            ``drive="physics"``.
+            ``drive="physics"``; another ``robot`` comes with its own ``model``. A ``reality`` goes with no ``config``.
 
     Raises:
-        ConfigError: if there is no such drive or pose source, a number is out of range, or an option of another kind.
+        ConfigError: if there is no such drive or pose source, a number is out of range, an option of another kind, or
+            a reality is asked for beside a configuration.
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
         RobotError: if there is no such robot, the robot lacks a part, or the sensor's range exceeds the camera's far
             plane.
@@ -83,7 +84,15 @@ def make_robot(
     if config is None:
         begins = in_reality(options.get("reality", IDEAL), options.get("robot", DEFAULT_ROBOT))
         config = SimulationConfig(str(scene.folder), **begins | options)
+    elif options.get("reality", config.reality) != config.reality:
+        raise ConfigError(
+            f"reality is {options['reality']!r:.60}, but what it stands for is already in the configuration: give it "
+            "without config, or in_reality(...) to SimulationConfig."
+        )
     else:
+        if (robot := options.get("robot", config.robot)) != config.robot:
+            model = in_reality(config.reality, robot).get("model", preset_config(robot))
+            options = {"model": model} | options
         config = replace(config, **options)
     path = robot_path(config.robot)
     backend = select_backend()

@@ -13,7 +13,7 @@ from anm_mj.robot.robot_camera import tilt_deg
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
-from anm_mj.types import Action, Pose2, StopReason
+from anm_mj.types import Action, Pose2, StopReason, Twist
 from tests.robots import ROVER_XML, clearance_of
 
 MODELS = Path(__file__).parent / "models"
@@ -122,6 +122,38 @@ def test_four_driven_wheels_slip_in_turns():
     for _ in range(4):
         drive.act(Action.TURN_LEFT)
     assert drive.odometry.yaw_rad == pytest.approx(drive.pose.yaw_rad, rel=0.15)
+
+
+LONG = [('size="0.095 0.00001"', 'size="0.05 0.00001"'), ('pos="0.131', 'pos="0.2'), ('pos="-0.131', 'pos="-0.2')]
+
+
+def long_base(tmp_path):
+    """A drive of a base whose wheels stand far apart lengthwise, so that they slip much in turns."""
+    path = edited(tmp_path, "four_wheels", *LONG)
+    robot = describe_robot(path, RobotConfig(skid_steer=True))
+    model, data = on_a_floor(robot)
+    drive = PhysicsDrive(model, data, robot, prefix="r/")
+    drive.place(START)
+    return drive
+
+
+@pytest.mark.parametrize("towards_deg", [20.0, 90.0, -150.0])
+def test_slipping_wheels_turn_as_far_as_they_should(tmp_path, towards_deg):
+    drive, towards_rad = long_base(tmp_path), math.radians(towards_deg)
+    looked = drive.look_at(np.array([3.0 * math.cos(towards_rad), 3.0 * math.sin(towards_rad), 0.5]))
+    assert not looked.collided
+    assert drive.pose.yaw_rad == pytest.approx(towards_rad, abs=math.radians(0.5))
+
+
+def test_a_turn_that_slips_away_is_not_made_up_for(tmp_path):
+    drive = long_base(tmp_path)
+    turned_rad = sum(drive.drive(Twist(0.0, 1.5), 0.5).turned_rad for _ in range(8))
+    assert turned_rad < 5.5
+    turned_rad += drive.drive(Twist(0.0, 0.0), 1.0).turned_rad
+    before = drive.pose
+    assert not drive.act(Action.MOVE_FORWARD).collided
+    assert drive.pose.yaw_rad == pytest.approx(before.yaw_rad, abs=math.radians(1.0))
+    assert math.dist(drive.pose.xy_m, before.xy_m) == pytest.approx(0.065, abs=0.01)
 
 
 @pytest.mark.parametrize("frame", ["", '<frame pos="0.3 0 0.1" euler="0 0 0.2">'])

@@ -2,6 +2,7 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,6 +10,8 @@ from anm_mj.errors import RobotError
 from anm_mj.robot.description import describe_robot
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.sim.drives.drive_trial import drive_over_a_floor
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
+from anm_mj.types import Action, Pose2
 
 WHEEL = (
     '<body name="wheel_{side}" pos="0 {y} -0.04"><joint name="wheel_{side}" axis="0 1 0"/>'
@@ -79,6 +82,77 @@ def test_sensors_on_its_own_wheels_stay(tmp_path):
     sensors = f"<sensor>{added}</sensor><actuator>"
     robot = describe_robot(written(tmp_path, ("<worldbody>", crate), ("<actuator>", sensors)))
     assert [sensor.name for sensor in robot.spec.sensors] == ["a"]
+
+
+def test_sensors_of_replaced_motors_go_with_them(tmp_path):
+    sensors = '<sensor><actuatorfrc name="torque" actuator="m"/><actuatorvel actuator="n"/></sensor>'
+    named = '<custom><tuple name="t"><element objtype="actuator" objname="m"/></tuple></custom>'
+    left, right = ('<velocity joint="wheel_left" kv="1"/>', '<velocity joint="wheel_right" kv="1"/>')
+    motors = (left, '<motor name="m" joint="wheel_left"/>'), (right, '<motor name="n" joint="wheel_right"/>')
+    robot = describe_robot(written(tmp_path, ("<actuator>", f"{sensors}{named}<actuator>"), *motors))
+    assert not robot.spec.sensors
+    assert drive_over_a_floor(robot).fault is None
+
+
+@pytest.mark.parametrize(
+    ("compiler", "mass_kg"),
+    [('settotalmass="20"', 20.0), ('inertiagrouprange="0 0"', 5.0 + 0.6 + 0.113), ('inertiagrouprange="1 5"', 3.6)],
+)
+def test_masses_are_those_of_the_file(tmp_path, compiler, mass_kg):
+    changes = [("<worldbody>", f"<compiler {compiler}/><worldbody>")]
+    if "1 5" in compiler:
+        seen = '<geom size="0.05" mass="3" group="1" contype="0" conaffinity="0"/><camera name="eye"'
+        changes += [('<camera name="eye"', seen), ('mass="0.3"', 'mass="0.3" group="1"')]
+    path = written(tmp_path, *changes)
+    robot = describe_robot(path)
+    assert robot.mass_kg == pytest.approx(mass_kg, abs=1e-3)
+    assert robot.mass_kg == pytest.approx(float(mujoco.MjModel.from_xml_path(str(path)).body_mass.sum()))
+    world = mujoco.MjSpec()
+    world.attach(robot.spec.copy(), prefix="r/", frame=world.worldbody.add_frame())
+    assert float(world.compile().body_mass.sum()) == pytest.approx(mass_kg, abs=1e-3)
+
+
+def test_room_for_key_frames_does_not_keep_it_from_a_scene(tmp_path):
+    robot = describe_robot(written(tmp_path, ("<worldbody>", '<size nkey="2"/><worldbody>')))
+    assert drive_over_a_floor(robot).fault is None
+
+
+@pytest.mark.parametrize("sinks_m", [0.0, 0.005])
+def test_it_stands_on_the_floor_whatever_margin_its_file_gives(tmp_path, sinks_m):
+    margin = '<default><geom margin="0.01"/></default><worldbody>'
+    caster = ('pos="-0.15 0 -0.07"', f'pos="-0.15 0 {-0.07 - sinks_m}"')
+    robot = describe_robot(written(tmp_path, ("<worldbody>", margin), caster))
+    spec = mujoco.MjSpec.from_string('<mujoco><worldbody><geom type="plane" size="0 0 1"/></worldbody></mujoco>')
+    spec.attach(robot.spec.copy(), prefix="r/", frame=spec.worldbody.add_frame())
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    drive = PhysicsDrive(model, data, robot, prefix="r/")
+    drive.place(Pose2(0.0, 0.0, 0.0))
+    drive.act(Action.MOVE_FORWARD)
+    mujoco.mj_forward(model, data)
+    assert data.body("r/wheel_left").xpos[2] == pytest.approx(robot.wheel_radius_m, abs=1e-3)
+
+
+def test_its_only_camera_needs_no_name(tmp_path):
+    named = describe_robot(written(tmp_path))
+    seen = describe_robot(written(tmp_path, ('<camera name="eye"', "<camera")))
+    assert (seen.camera, seen.fovy_deg) == ("camera_0", 70.0)
+    np.testing.assert_array_equal(seen.T_base_camera, named.T_base_camera)
+    second = '<camera name="eye" pos="0 0 0.4" xyaxes="0 -1 0 0 0 1"/><camera pos="0.1'
+    assert describe_robot(written(tmp_path, ('<camera name="eye" pos="0.1', second))).camera == "eye"
+
+
+@pytest.mark.parametrize(
+    "default", ['mode="track"', 'resolution="640 480" sensorsize="0.004 0.003" focal="0.003 0.003"']
+)
+def test_a_mounted_camera_is_none_of_the_defaults(tmp_path, default):
+    path = written(tmp_path, ("<worldbody>", f"<default><camera {default}/></default><worldbody>"))
+    robot = describe_robot(path, RobotConfig(camera_pose="0.2,0,0.3,10,60"))
+    model = robot.spec.compile()
+    camera = model.camera(robot.camera)
+    assert robot.fovy_deg == 60.0
+    assert camera.mode == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    assert not model.cam_sensorsize[camera.id].any()
 
 
 def test_a_camera_on_its_side_is_turned_upright(tmp_path):

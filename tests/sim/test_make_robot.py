@@ -9,13 +9,13 @@ import trimesh
 from anm_mj.errors import ConfigError, RobotError, SceneError
 from anm_mj.frames import back_project
 from anm_mj.people.people_config import PeopleConfig
-from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.sim.simulation_config import DRIVES
+from anm_mj.sim.simulation_config import DRIVES, SimulationConfig, in_reality
 from anm_mj.types import DEFAULT_FOOTPRINT, FORWARD_STEP_M, Action, Pose2
 from tests.robots import ROVER_XML
 
@@ -158,6 +158,24 @@ def test_third_party_scene(public_scenes, tmp_path):
 def test_a_point_that_is_not_finite_cannot_be_looked_at(robot):
     with pytest.raises(RobotError, match="all three must be finite"):
         robot.look_at(np.array([math.nan, 0.0, 0.0]))
+
+
+def test_another_robot_comes_with_its_own_settings(room):
+    config = SimulationConfig("", image_px=32, start=(-1.5, 0.0, 0.0))
+    with make_robot(room, config, robot="turtlebot3_burger") as robot:
+        # Its file has no camera.
+        assert robot.observe().T_world_camera[2, 3] == pytest.approx(0.21)
+    real = SimulationConfig("", **in_reality("real", DEFAULT_ROBOT) | {"start": (-1.5, 0.0, 0.0), "image_px": 32})
+    exact = {"drive": "kinematic", "sensor": SensorConfig(), "people": PeopleConfig()}
+    with make_robot(room, real, robot="turtlebot3_burger", **exact) as robot:
+        robot.act(Action.MOVE_FORWARD)
+        # By the noise of the encoders, which the reality has.
+        assert robot.odometry.x_m != pytest.approx(robot.pose.x_m, abs=1e-6)
+
+
+def test_a_reality_beside_a_configuration_is_refused(room):
+    with pytest.raises(ConfigError, match="reality is 'real', but"):
+        make_robot(room, SimulationConfig("", start=(-1.5, 0.0, 0.0)), reality="real")
 
 
 def test_a_reality_is_what_its_name_says(room):

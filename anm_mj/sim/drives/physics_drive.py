@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -30,7 +31,7 @@ _STANDING = Twist(0.0, 0.0)
 UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _UNSTABLE = np.array([int(kind) for kind in UNSTABLE])
 _TURN_LAG_RAD = math.radians(5.0)
-"""A robot that lags its turning reference by more is held fast."""
+"""A turning reference waits for a robot that lags it by more: its wheels slip, or it is held fast."""
 _SUBSTEPS = 10
 """Physics steps between two commands to the wheels."""
 _MAX_WHEEL_RADPS = 12.0
@@ -199,6 +200,11 @@ class PhysicsDrive(WheelDrive):
             self._reference = move_pose(self._reference, forward_m, turn_rad)
             collided = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
             after = self._base.pose
+            lag_rad = wrap_angle(self._reference.yaw_rad - after.yaw_rad)
+            if abs(lag_rad) > _TURN_LAG_RAD:
+                # Else the next motion would begin with the turn that is missing, or with one the other way round.
+                yaw_rad = wrap_angle(after.yaw_rad + math.copysign(_TURN_LAG_RAD, lag_rad))
+                self._reference = replace(self._reference, yaw_rad=yaw_rad)
             moved_m += math.dist(before.xy_m, after.xy_m)
             turned_rad += abs(wrap_angle(after.yaw_rad - before.yaw_rad))
             if collided or math.dist(self._base.pose.xy_m, self._reference.xy_m) > _LAG_M:
@@ -214,14 +220,15 @@ class PhysicsDrive(WheelDrive):
         """
         self._brake()
         controller, turned_rad, self._touched = self._look_at_controller(), 0.0, False
+        collided = False
         start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
-        while (following := controller.next_pose(self._reference, point_m)) is not None:
+        while not collided and (following := controller.next_pose(self._reference, point_m)) is not None:
             turned_rad += abs(wrap_angle(following.yaw_rad - self._reference.yaw_rad))
             self._reference = following
             self._servo_period(following, forward=False)
             if abs(wrap_angle(following.yaw_rad - self._base.pose.yaw_rad)) > _TURN_LAG_RAD:
-                break
-        collided = not self._settle(forward=False)
+                collided = not self._settle(forward=False)
+        collided = collided or not self._settle(forward=False)
         if collided:
             self._halt()
         moved_m, speeds = math.dist(start.xy_m, self._base.pose.xy_m), self._mean_speeds(start_s, start_angles)

@@ -70,8 +70,8 @@ class NoisyOdometry:
         if distance == 0.0 and turned == 0.0:
             return self._believed
         distance *= self._scale
-        # An arc's chord points half way between the headings at its ends.
-        bend = 0.5 * self._bias_rad_per_m * abs(distance)
+        # An arc's chord points half way between the headings at its ends; backwards the way bends back.
+        bend = 0.5 * self._bias_rad_per_m * distance
         first, second = self._scale * first + bend, self._scale * second + bend
         a1, a2, a3, a4 = self._alpha
         noise = self._generator.standard_normal(3)

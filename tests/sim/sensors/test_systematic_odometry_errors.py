@@ -32,6 +32,12 @@ def test_a_radius_taken_too_large_scales_distances_and_turns():
     assert believed.yaw_rad == pytest.approx(expected.yaw_rad)
 
 
+def test_a_yaw_bias_bends_the_way_back_as_it_bent_it():
+    there_and_back = [(0.05, 0.0)] * 40 + [(-0.05, 0.0)] * 40
+    believed = read_along(SensorConfig(odometry_yaw_bias_deg_per_m=10.0), there_and_back)
+    assert (believed.x_m, believed.y_m, believed.yaw_rad) == pytest.approx((START.x_m, START.y_m, START.yaw_rad))
+
+
 def test_a_yaw_bias_bends_the_way_by_its_length():
     bias = math.radians(1.0)
 
