@@ -15,7 +15,7 @@ from anm_mj.errors import ConfigError, RobotError, SceneError
 from anm_mj.people.people_config import PeopleConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import preset_config, robot_path
-from anm_mj.scene.navigable import require_clear, scene_clearance
+from anm_mj.scene.navigable import is_clear, require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.sim.simulation_config import IDEAL, SimulationConfig, in_reality
@@ -184,15 +184,15 @@ def make_robot(
 
 
 def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint, *, must_fit: bool) -> Pose2:
-    """The given start, or the first one of the scene; raises SceneError if the robot must be able to stand there, and
-    is not.
+    """The given start, or the first one of the scene where the robot can stand; raises SceneError if it must be able
+    to stand there, and is not.
     """
     if not must_fit:
         return start or next(iter(scene.starts), Pose2(0.0, 0.0, 0.0))
     if start is None:
         if not scene.starts:
             raise SceneError(f"Scene {scene.name} names no start pose; give one (x, y, yaw).")
-        start = scene.starts[0]
+        start = next((pose for pose in scene.starts if is_clear(scene, pose, footprint)), scene.starts[0])
     where = f"({start.x_m:g} m, {start.y_m:g} m, {math.degrees(start.yaw_rad):g} deg)"
     low, high = scene.bounds_m[:, :2]
     if not (low <= start.xy_m).all() or not (start.xy_m <= high).all():

@@ -77,7 +77,7 @@ class SimulationConfig:
     image_px: int = 256
     """Width and height of the camera image [px]."""
     start: tuple[float, float, float] | None = None
-    """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
+    """Start pose x [m], y [m], yaw [deg]; None = the scene's first where the robot can stand."""
     seed: int = 0
     """Seed of everything random: training, policy, localisation, noise, who moves, the place of an unknown start."""
     model: RobotConfig = field(default=cast(RobotConfig, None))
@@ -122,7 +122,7 @@ class SimulationConfig:
 
     @property
     def start_pose(self) -> Pose2 | None:
-        """The start with its yaw in radians; None = the scene's first."""
+        """The start with its yaw in radians; None = the scene's first where the robot can stand."""
         if self.start is None:
             return None
         from anm_mj.types import Pose2  # Settings alone should not cost the import of numpy.

@@ -13,6 +13,7 @@ from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.navigable import is_clear
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.sim.simulation_config import DRIVES, SimulationConfig, in_reality
@@ -88,6 +89,13 @@ def test_the_default_start_is_the_scenes_first(room):
     with make_robot(room, image_px=16) as robot:
         start, pose = room.starts[0], robot.pose
     assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((start.x_m, start.y_m, start.yaw_rad))
+
+
+def test_a_wide_robot_starts_at_the_first_place_that_is_clear_for_it():
+    scene = load_scene("flat")
+    with make_robot(scene, robot="stretch3") as robot:
+        assert not is_clear(scene, scene.starts[0], robot.footprint)
+        assert robot.pose.xy_m.tolist() in [start.xy_m.tolist() for start in scene.starts[1:]]
 
 
 def test_start_in_collision(room):
