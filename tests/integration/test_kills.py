@@ -135,6 +135,13 @@ def while_writing(steps):
     return moment
 
 
+def checkpoints_are_written():
+    """Wait for it: on a slow disk, the loop would go on without checkpoints while one is being written."""
+    for thread in threading.enumerate():
+        if thread.name == "checkpoint":
+            thread.join()
+
+
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scenes") / "small"
@@ -153,10 +160,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
                 with pytest.raises(RunFolderError, match="Another program is writing"):
                     other(whole)
                 refused.append(other)
-        # On a slow disk, the loop would go on without checkpoints while one is being written.
-        for thread in threading.enumerate():
-            if thread.name == "checkpoint":
-                thread.join()
+        checkpoints_are_written()
         if report.step == 21:
             shutil.copytree(whole, killed, ignore=shutil.ignore_patterns(".*"))
 
@@ -274,6 +278,7 @@ def test_an_error_after_a_later_checkpoint_is_none_of_the_one_it_resumed_from(sm
     anm_mj.run.run(config, out=folder, observers=(On(Stepped, lambda stepped: stepped.step == 2),))
 
     def fail(stepped):
+        checkpoints_are_written()
         later = [path for path in folder.glob("checkpoint/[!.]*") if int(path.stem) > 2]
         if later:
             raise KeyError("unforeseen")
