@@ -137,6 +137,60 @@ def test_every_format_gives_its_rooms_and_the_door_between_them(plan, area_m2, k
     assert 1.7 < sum(gaps) < 2.6
 
 
+@pytest.mark.parametrize("marked", [1, 2])
+def test_rooms_of_a_procthor_house_without_a_wall_between_them_are_one_space(marked, tmp_path):
+    plan = _procthor()
+    del plan["doors"][0]
+    closed = read_floorplan(_written(plan, tmp_path / "closed.json"))[1]
+    for wall in plan["walls"][:marked]:
+        wall["empty"] = True
+    src = _written(plan, tmp_path / "plan.json")
+    scene = import_scene(src, tmp_path / "out", furniture=False)
+    vertices, faces = scene.triangles()
+    places = navigable_area(vertices[faces], DEFAULT_FOOTPRINT).places(1)
+
+    assert not any(wall.gaps for walls in closed.walls for wall in walls)
+    # Open up to the ceiling, from one wall across to the other.
+    gaps = [gap for walls in read_floorplan(src)[1].walls for wall in walls for gap in wall.gaps]
+    assert np.allclose(gaps, [(0.0, 3.88, False)] * 2)
+    assert scene.rooms == 2
+    assert (places[:, 0] < 2.5).any()
+    assert (places[:, 0] > 4.0).any()
+
+
+def test_an_open_border_of_procthor_rooms_may_have_a_corner(tmp_path):
+    def room(name: str, corners: list[tuple[float, float]]) -> dict:
+        floor = [{"x": x, "y": 0.0, "z": z} for x, z in corners]
+        return {"id": name, "roomType": "Kitchen", "floorPolygon": floor}
+
+    def wall(name: str, room: str, ends: tuple[tuple[float, float], ...]) -> dict:
+        corners = [{"x": x, "y": y, "z": z} for y in (0.0, 2.6) for x, z in ends]
+        return {"id": name, "roomId": room, "polygon": corners, "empty": True}
+
+    plan = {
+        "rooms": [
+            room("room|1", [(0, 0), (3, 0), (3, 3), (0, 3)]),
+            room("room|2", [(3, 0), (6, 0), (6, 6), (0, 6), (0, 3), (3, 3)]),
+        ],
+        "walls": [wall("a", "room|1", ((3, 0), (3, 3))), wall("b", "room|1", ((3, 3), (0, 3)))],
+        "doors": [],
+    }
+    _, building, _ = read_floorplan(_written(plan, tmp_path / "plan.json"))
+    # Between outer walls of 0.12 m, half of which lies in the rooms.
+    assert sum(room.floor.area for room in building.rooms) == pytest.approx(5.88**2)
+
+
+def test_a_procthor_house_of_the_first_version_is_read(tmp_path):
+    plan = _procthor()
+    new = read_floorplan(_written(plan, tmp_path / "new.json"))[1]
+    for entry in (*plan["doors"], *plan["windows"]):
+        low, high = entry.pop("holePolygon")
+        entry["boundingBox"] = {"min": low, "max": high}
+    old = read_floorplan(_written(plan, tmp_path / "old.json"))[1]
+    assert [passage.floor for passage in old.passages] == [passage.floor for passage in new.passages]
+    assert old.windows == new.windows
+
+
 def test_one_room_is_counted_as_one(tmp_path, caplog):
     plan = _houseexpo() | {"verts": [[0, 0], [8, 0], [8, 4], [0, 4]]}
     with caplog.at_level("INFO"):

@@ -18,6 +18,8 @@ _OVERLAP_M2 = 0.1
 """So much may the floors of two rooms have in common [m2]."""
 _BEYOND_M = 1.0
 """So far beyond the end of its wall may a hole reach [m]."""
+_ALONG_M = 0.01
+"""A wall this near to a room's outline is one of its walls [m]."""
 
 
 def is_procthor(plan: Any) -> bool:
@@ -35,17 +37,13 @@ def read_procthor(plan: Any) -> Building:
     index = {room["id"]: k for k, room in enumerate(rooms)}
     # The walls have no thickness in the file; half of ours is taken from either room.
     outlines = [shapely.Polygon([(point["x"], point["z"]) for point in room["floorPolygon"]]) for room in rooms]
-    floors = [outline.buffer(-WALL_M / 2, join_style="mitre") for outline in outlines]
-    # Of an outline that crosses itself, the buffer keeps a part.
-    if not all(
-        outline.is_valid and isinstance(floor, shapely.Polygon) and floor.area > 0.5
-        for outline, floor in zip(outlines, floors, strict=True)
-    ):
-        raise ValueError("a room's floorPolygon is too small or crosses itself")
+    walls = {wall["id"]: np.array([[p["x"], p["y"], p["z"]] for p in wall["polygon"]], float) for wall in plan["walls"]}
+    # Where two rooms are one space, the file has walls that are marked as empty.
+    empty = shapely.MultiLineString([walls[wall["id"]][:2, [0, 2]] for wall in plan["walls"] if wall.get("empty")])
+    floors = [_floor(outline, empty) for outline in outlines]
     for a, b in shapely.STRtree(floors).query(floors, predicate="intersects").T:
         if a < b and floors[a].intersection(floors[b]).area > _OVERLAP_M2:
             raise ValueError(f"its rooms {rooms[a]['id']!r} and {rooms[b]['id']!r} lie over one another")
-    walls = {wall["id"]: np.array([[p["x"], p["y"], p["z"]] for p in wall["polygon"]], float) for wall in plan["walls"]}
     if not walls:
         raise ValueError("it has no walls")
     passages, door_height_m = [], 2.05
@@ -74,6 +72,23 @@ def read_procthor(plan: Any) -> Building:
     )
 
 
+def _floor(outline: shapely.Polygon, empty: shapely.MultiLineString) -> shapely.Polygon:
+    """The floor between the walls about a room; where these are ``empty``, it reaches up to its outline [m]. Raises
+    ValueError if that is no floor.
+    """
+    floor = outline.buffer(-WALL_M / 2, join_style="mitre")
+    # Of an outline that crosses itself, the buffer keeps a part.
+    if outline.is_valid:
+        solid = outline.boundary.difference(empty.buffer(_ALONG_M, cap_style="flat"))
+        # An empty wall of other rooms may end at this one.
+        if solid.length < outline.length - 10 * _ALONG_M:
+            walls = solid.buffer(WALL_M / 2, cap_style="square", join_style="mitre")
+            floor = outline.difference(walls).simplify(0.0)
+        if isinstance(floor, shapely.Polygon) and floor.area > 0.5:
+            return floor
+    raise ValueError("a room's floorPolygon is too small or crosses itself")
+
+
 def _opening(
     entry: Any, walls: dict[str, Float64[np.ndarray, "k 3"]]
 ) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"], float, float]:
@@ -83,7 +98,11 @@ def _opening(
     start, end = corners[0, [0, 2]], corners[1, [0, 2]]
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
-    low, high = entry["holePolygon"][0], entry["holePolygon"][1]
+    if "holePolygon" in entry:
+        low, high = entry["holePolygon"][0], entry["holePolygon"][1]
+    else:
+        # Houses of version 0, as the generator itself writes them.
+        low, high = entry["boundingBox"]["min"], entry["boundingBox"]["max"]
     reach = {"x": length, "y": float(corners[:, 1].max())}
     if not all(-_BEYOND_M <= corner[axis] <= end + _BEYOND_M for corner in (low, high) for axis, end in reach.items()):
         raise ValueError(f"the hole {entry.get('id', '')!r} lies outside of its wall of {length:.4g} m")

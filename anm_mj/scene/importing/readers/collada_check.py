@@ -16,6 +16,7 @@ _NOT_SHOWN = (
     "Left out, because they stand in a visual scene that the file does not show: the geometries {names}; export them "
     "in the scene that its <scene> names."
 )
+_SHADERS = ("constant", "lambert", "phong", "blinn")
 _SURFACES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
 
 
@@ -43,14 +44,46 @@ def check_collada(src: Path, report: ImportReport) -> MeshFacts:
         report.add(_NOT_SHOWN, f"{name!r} of {src.name}")
     # The library takes a comment for an element.
     uneven = b"<!--" in text or text.count(b"<?") > 1
+    uneven = show_light(root) or uneven
     return MeshFacts(geometries=geometries, uneven=cut_collada(root) or uneven)
 
 
 def even_collada(src: Path) -> bytes:
-    """A COLLADA file without comments, processing instructions, and polygons that a fan does not cover."""
+    """A COLLADA file without comments, processing instructions, and polygons that a fan does not cover, and with the
+    light of surfaces that are black for their colour.
+    """
     root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
+    show_light(root)
     cut_collada(root)
     return ET.tostring(root)
+
+
+def show_light(root: ET.Element) -> bool:
+    """Give the surfaces of a COLLADA file that are black, or have no colour, that of their own light, which others
+    lose, and tell whether any give light.
+    """
+    is_changed = False
+    for shader in [own for own in root.iter() if _kind(own) in _SHADERS]:
+        light, colour = (next((own for own in shader if _kind(own) == kind), None) for kind in ("emission", "diffuse"))
+        if light is None or _is_black(light):
+            continue
+        # The library looks for the picture of the light where it has that of the colour.
+        shader.remove(light)
+        if colour is None:
+            colour = ET.SubElement(shader, light.tag.replace("emission", "diffuse"))
+        if not len(colour) or _is_black(colour):
+            colour[:] = list(light)
+        is_changed = True
+    return is_changed
+
+
+def _is_black(element: ET.Element) -> bool:
+    """Whether a shader's property is a colour without red, green and blue; a texture is none."""
+    words = [word for own in element if _kind(own) == "color" for word in (own.text or "").split()[:3]]
+    try:
+        return bool(words) and not any(float(word) for word in words)
+    except ValueError:
+        return False
 
 
 def collada_nodes(src: Path) -> dict[str, set[str]]:

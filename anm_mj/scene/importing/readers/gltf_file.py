@@ -146,6 +146,9 @@ def even_gltf(src: Path) -> bytes:
 
 
 def colour_slot(material: dict[str, Any]) -> dict[str, Any] | None:
-    """How a material names the texture of its colour; None without one."""
+    """How a material names the texture of its colour, or of its light where it is black; None without one."""
+    own = material.get("pbrMetallicRoughness", {})
+    if any(material.get("emissiveFactor", ())) and not any(own.get("baseColorFactor", (1.0,))[:3]):
+        return material.get("emissiveTexture")
     gloss = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
-    return material.get("pbrMetallicRoughness", {}).get("baseColorTexture", gloss.get("diffuseTexture"))
+    return own.get("baseColorTexture", gloss.get("diffuseTexture"))

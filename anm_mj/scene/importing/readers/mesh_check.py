@@ -53,7 +53,9 @@ def _check_stl(src: Path, size: int) -> None:
     """Refuse an STL file of another length than it states, which the library takes for one without triangles."""
     with open_regular(src) as file:
         head = file.read(_HEAD_BYTES)
-        if b"facet" in head.lower():
+        stated = int.from_bytes(head[_STL_HEAD - 4 : _STL_HEAD], "little")
+        # The header of a binary file may hold the word, too.
+        if b"facet" in head.lower() and size != _STL_HEAD + stated * _STL_TRIANGLE:
             file.seek(max(0, size - _HEAD_BYTES))
             if b"endsolid" not in file.read().lower():
                 raise SceneError(
@@ -62,7 +64,6 @@ def _check_stl(src: Path, size: int) -> None:
             return
     if size < _STL_HEAD:
         raise SceneError(f"{src} is damaged or no stl file ({size} bytes): export it again.")
-    stated = int.from_bytes(head[_STL_HEAD - 4 : _STL_HEAD], "little")
     if size != _STL_HEAD + stated * _STL_TRIANGLE:
         raise SceneError(
             f"{src} states {stated} triangles, which take {_STL_HEAD + stated * _STL_TRIANGLE} bytes, and has {size}: "

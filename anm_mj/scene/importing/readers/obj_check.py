@@ -63,6 +63,9 @@ def check_obj(src: Path, report: ImportReport) -> MeshFacts:
             elif line.startswith(b"mtllib "):
                 uneven = uneven or bool(libraries)
                 libraries.append(line[7:].strip())
+            elif b"mtllib" in line:
+                # The library takes the word in a comment for the line.
+                uneven = True
     check_parts(src, len(materials))
     check_triangles(src, triangles)
     used = [name for name, kinds in materials.items() if name and kinds]
@@ -80,16 +83,16 @@ def check_obj(src: Path, report: ImportReport) -> MeshFacts:
 def even_text(src: Path, unmapped: Collection[bytes] = (), latin: bool = False) -> bytes:
     """An OBJ file as the library expects it.
 
-    Without byte order mark, tabs, spaces before a line, and lines that go on in the next; with one line of material
-    files, vertices counted from 1, and polygons that a fan covers: the library counts negative indices from the end of
-    the file, where OBJ counts them from the line that they stand in, and cuts every polygon into a fan about its first
-    corner, which reaches beyond one that is not convex. Faces of the materials ``unmapped`` all have texture
-    coordinates, since the library drops those of a material if one face has none, or takes normals for them. With
-    ``latin``, a text in another encoding than UTF-8 is Latin-1. Raises ValueError if it cannot be read.
+    Without byte order mark, tabs, spaces before a line, lines that go on in the next, and comments about material
+    files; with one line of these, vertices counted from 1, and polygons that a fan covers: the library counts negative
+    indices from the end of the file, where OBJ counts them from the line that they stand in, and cuts every polygon
+    into a fan about its first corner, which reaches beyond one that is not convex. Faces of the materials ``unmapped``
+    all have texture coordinates, since the library drops those of a material if one face has none, or takes normals for
+    them. With ``latin``, a text in another encoding than UTF-8 is Latin-1. Raises ValueError if it cannot be read.
     """
     text = read_bytes(src, MAX_MESH_MIB).removeprefix(_BYTE_ORDER_MARK).replace(b"\t", b" ")
     text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    text = re.sub(rb"(?m)^ +", b"", text)
+    text = re.sub(rb"(?m)^#.*mtllib.*$", b"#", re.sub(rb"(?m)^ +", b"", text))
     libraries = list(dict.fromkeys(name.strip() for name in _LIBRARY.findall(text)))
     if len(libraries) > 1:
         text = b"mtllib " + b" ".join(libraries) + b"\n" + _LIBRARY.sub(b"", text)

@@ -169,9 +169,19 @@ def _placed_meshes(scene: trimesh.Scene, unit_m: float, suffix: str) -> list[_Pl
         colours = getattr(mesh.visual, "vertex_attributes", {}).get("color")
         # In the order of the vertices, which those of a PLY file with texture coordinates do not keep.
         colours = mesh.vertex_attributes.get("color") if colours is None and beside else colours
-        part = str(node).replace("/", "_")
+        part = _node_name(scene, node).replace("/", "_")
         placed.append(_PlacedMesh(str(name), part, vertices * unit_m, faces, mesh.visual, colours))
     return placed
+
+
+def _node_name(scene: trimesh.Scene, node: Any) -> str:
+    """The name of a node as its file has it: for each material of a glTF node the library makes a node below it, whose
+    name ends in six random letters.
+    """
+    name, above = str(node), str(scene.graph.transforms.parents.get(node, ""))
+    mesh = scene.geometry[scene.graph[node][1]]
+    is_made = mesh.metadata.get("from_gltf_primitive") and len(name) == len(above) + 7 and name.startswith(f"{above}_")
+    return above if is_made else name
 
 
 def _beside_materials(scene: trimesh.Scene, suffix: str) -> bool:
@@ -223,13 +233,17 @@ def _textured_submeshes(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]
 
 
 def _material(material: Any) -> tuple[Image.Image | None, Float64[np.ndarray, "3"]]:
-    """Colour image and colour factor (0..1) of a material, as stored."""
+    """Colour image and colour factor (0..1) of a material, as stored; those of its light where it is black."""
     from trimesh.visual.material import PBRMaterial
 
     if isinstance(material, PBRMaterial):
         stored = material.baseColorFactor
         # glTF: without a factor, the colour is white.
         factor = np.ones(3) if stored is None else _rgb8(np.asarray(stored)[None])[0] / 255.0
+        light = material.emissiveFactor
+        if light is not None and np.any(light) and not factor.any():
+            # A lamp, a screen, or a scene whose light is baked.
+            return material.emissiveTexture, _rgb8(np.asarray(light, dtype=np.float64)[None])[0] / 255.0
         return material.baseColorTexture, factor
     image = getattr(material, "image", None)
     # In an .mtl the diffuse colour beside a texture is mostly whatever the exporter writes by default (0.4, 0.8, 0).

@@ -1,5 +1,6 @@
 """Puts the models that an SDF world includes in their places, wherever their files are."""
 
+import re
 import xml.etree.ElementTree as ET
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -155,14 +156,23 @@ def _parse(file: Path) -> ET.Element:
         # Gazebo reads a file with blank lines before its declaration too.
         content = (expanded(file) if file.suffix.lower() == XACRO else read_bytes(file)).lstrip()
         try:
-            return ET.fromstring(content)
+            return _with_axes(ET.fromstring(content))
         except ET.ParseError:
             # Gazebo takes comments that XML forbids, those with two hyphens in them.
-            return ET.fromstring(_without_comments(content))
+            return _with_axes(ET.fromstring(_without_comments(content)))
     except ET.ParseError as err:
         raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:
         raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
+
+
+def _with_axes(root: ET.Element) -> ET.Element:
+    """The SDF of a file whose joints say that their axes are those of the model, which up to version 1.4 they are."""
+    if re.fullmatch(r"(?:0|1\.[0-4])(?:\..*)?", root.get("version", "")):
+        for axis in root.iter("axis"):
+            if axis.find("use_parent_model_frame") is None:
+                ET.SubElement(axis, "use_parent_model_frame").text = "true"
+    return root
 
 
 def _without_comments(content: bytes) -> bytes:

@@ -1,7 +1,8 @@
 """How a visual of an SDF file looks: one colour or one texture.
 
-Gazebo lights its scenes; here a surface shows its diffuse colour as it is. In falling order: the albedo map of a PBR
-material, the diffuse colour, the material script's texture or diffuse colour, the ambient colour.
+Gazebo lights its scenes; here a surface shows its diffuse colour as it is, or that of its own light if it is black. In
+falling order: the albedo map of a PBR material, the diffuse colour, the material script's texture or diffuse colour,
+the ambient colour.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ class MaterialReader:
         if texture is not None:
             return Material((1.0, 1.0, 1.0), texture)
         if diffuse is not None:
-            return Material(diffuse)
+            light = _colour(element.find("emissive"))
+            return Material(diffuse if light is None or any(diffuse) else light)
         script = element.find("script")
         name = "" if script is None else text_of(script, "name")
         scripted = self._scripted(name, script, folder) if script is not None and name else None

@@ -3,7 +3,7 @@
 import math
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,8 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
     except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
+    # A colour may be given once for all links, or where a link first names it.
+    colours = {own.get("name", ""): own for own in robot.iter("material") if own.find("color") is not None}
     submeshes, places, budget = [], places_of(path, folders), TriangleBudget(path)
     for link in robot.findall("link"):
         T_root_link, name, seen = np.eye(4), link.get("name", ""), set()
@@ -41,7 +43,7 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
             name = _named(joints[name], "parent", "link")
         for visual in link.findall("visual"):
             T_root_visual = T_root_link @ _origin(visual)
-            for submesh in _visual_submeshes(visual, path, places, report):
+            for submesh in _visual_submeshes(visual, colours, path, places, report):
                 budget.spend(submesh)
                 submeshes.append(transformed(submesh, T_root_visual[:3, :3], T_root_visual[:3, 3]))
     return submeshes
@@ -60,11 +62,15 @@ def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
     return rigid_transform(rotation.ravel(), np.array(_numbers(origin.get("xyz", "0 0 0"))))
 
 
-def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: ImportReport) -> list[Submesh]:
+def _visual_submeshes(
+    visual: ET.Element, colours: Mapping[str, ET.Element], path: Path, places: Places, report: ImportReport
+) -> list[Submesh]:
     shape = next(iter(visual.findall("geometry/*")), None)
     if shape is None:
         return []
     colour = visual.find("material/color")
+    if colour is None and (named := colours.get(_named(visual, "material", "name"))) is not None:
+        colour = named.find("color")
     rgb = PLAIN_RGB if colour is None else _numbers(colour.get("rgba", ""))
     if shape.tag == "mesh":
         file = find_uri(shape.get("filename", ""), path.absolute().parent, places, report)

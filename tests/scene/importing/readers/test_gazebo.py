@@ -372,3 +372,20 @@ def test_a_world_without_anything_says_what_was_left_out(tmp_path):
     src = write_world(tmp_path / "w.world", "<include><uri>model://cat</uri></include>")
     with pytest.raises(SceneError, match=r"nothing that can be drawn: .*\. Not found: the models cat, which"):
         read_parts(src)
+
+
+def test_a_black_shape_that_glows_has_the_colour_of_its_light(tmp_path):
+    glow = "<material><diffuse>{} 1</diffuse><emissive>1 0.6 0 1</emissive></material>"
+    black, red = box("a", more=glow.format("0 0 0")), box("b", more=glow.format("1 0 0"))
+    parts, _ = read_parts(write_world(tmp_path / "w.sdf", black + red))
+    assert {part.part: part.rgb for part in parts if part.part} == {"a/l": (1.0, 0.6, 0.0), "b/l": (1.0, 0.0, 0.0)}
+
+
+@pytest.mark.parametrize(("version", "axis"), [("1.4", (1, 0, 0)), ("1.5", (0, 1, 0)), ("1.10", (0, 1, 0))])
+def test_the_axis_of_a_joint_is_that_of_the_model_up_to_version_1_4(tmp_path, version, axis):
+    joint = (
+        "<joint name='j' type='prismatic'><parent>world</parent><child>l</child><axis><xyz>1 0 0</xyz></axis></joint>"
+    )
+    turned = box("door").replace("<link name='l'>", "<link name='l'><pose>0 0 0 0 0 1.5707963268</pose>")
+    src = write_world(tmp_path / "w.sdf", GROUND + turned.replace("</model>", f"{joint}</model>"), version)
+    assert np.allclose(read_gazebo(src, [], ImportReport()).joints["door/l"].axis, axis, atol=1e-6)

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import tomllib
 
 import numpy as np
@@ -169,6 +170,13 @@ def test_a_urdf_stands_in_its_rest_pose(tmp_path):
     assert np.allclose(_bounds([body]), [[5, 1, 0], [7, 3, 2]], atol=1e-6)
     assert np.allclose(_bounds([door]), [[4.95, -1, 2.5], [5.05, 1, 3.5]], atol=1e-6)
     assert door.rgb == (1.0, 0.0, 0.0)
+
+
+def test_a_colour_of_a_urdf_may_be_named_where_it_is_used(tmp_path):
+    src = _write_urdf(tmp_path)
+    named = src.read_text().replace("</robot>", '<material name="own"><color rgba="0 1 0 1"/></material></robot>')
+    src.write_text(re.sub(r"<material>.*?</material>", '<material name="own"/>', named))
+    assert read_urdf(src, ImportReport())[1].rgb == (0.0, 1.0, 0.0)
 
 
 def test_articulated_objects_are_part_of_the_scene(tmp_path):

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
@@ -240,3 +241,9 @@ def test_the_triangles_of_an_stl_file_are_counted_before_they_are_read(tmp_path,
     monkeypatch.setattr(limits, "MAX_TRIANGLES", 2)
     with pytest.raises(LimitError, match="has 3 triangles"):
         check_mesh_file(tmp_path / "a.stl", ImportReport())
+
+
+def test_a_binary_stl_file_may_have_any_words_in_its_header(tmp_path):
+    content = trimesh.creation.box().export(file_type="stl")
+    (tmp_path / "a.stl").write_bytes(b"solid, 12 facets".ljust(80) + content[80:])
+    assert sum(len(part.faces) for part in read_mesh(tmp_path / "a.stl", ImportReport())) == 12

@@ -128,3 +128,13 @@ def test_triangles_are_counted_and_materials_once_each_before_they_are_read(tmp_
     monkeypatch.setattr(limits, "MAX_TRIANGLES", 8)
     with pytest.raises(LimitError, match="has 9 triangles"):
         check_obj(tmp_path / "a.obj", ImportReport())
+
+
+def test_a_comment_about_material_files_is_none(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    corners = _vertices([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    (tmp_path / "a.obj").write_text(f"# mtllib old.mtl\nmtllib a.mtl\n{corners}usemtl red\nf 1 2 3\n")
+    report = ImportReport()
+    (part,) = read_mesh(tmp_path / "a.obj", report)
+    assert part.rgb == (1.0, 0.0, 0.0)
+    assert not report.sentences()

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from trimesh.exchange.gltf import export_glb
 
 from anm_mj.errors import SceneError
@@ -123,8 +124,8 @@ def test_a_picture_that_cannot_be_decoded_is_survived(tmp_path):
     assert import_scene(src, tmp_path / "out", up="z").num_triangles > 0
 
 
-def _coloured(folder, suffix, colours, diffuse):
-    """A square of corners of ``colours`` and a material of a diffuse colour."""
+def _coloured(folder, suffix, colours, diffuse, shader=""):
+    """A square of corners of ``colours`` and a material of a diffuse colour, or of what else a COLLADA file says."""
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     if suffix == "obj":
         (folder / "a.mtl").write_text(f"newmtl m\nKd {diffuse}\n")
@@ -139,9 +140,11 @@ def _coloured(folder, suffix, colours, diffuse):
             '<param name="B" type="float"/></accessor></technique_common></source><vertices'
         )
         text = collada(geometry("g", points, [surface]).replace("<vertices", source), [("node", "g")])
+        shader = shader or f"<diffuse><color>{diffuse} 1</color></diffuse>"
         material = (
-            '<library_effects><effect id="e"><profile_COMMON><technique sid="c"><lambert><diffuse><color>'
-            f"{diffuse} 1</color></diffuse></lambert></technique></profile_COMMON></effect></library_effects>"
+            '<library_images><image id="p"><init_from>p.png</init_from></image></library_images>'
+            '<library_effects><effect id="e"><profile_COMMON><technique sid="c"><lambert>'
+            f"{shader}</lambert></technique></profile_COMMON></effect></library_effects>"
             '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
             "<library_geometries>"
         )
@@ -169,3 +172,52 @@ def test_a_material_keeps_its_colour_where_every_vertex_has_the_same(tmp_path, s
     part = _coloured(tmp_path, suffix, ["0.5 0.5 0.5"] * 4, "1 0 0")
     assert part.texture is None
     assert part.rgb == (1.0, 0.0, 0.0)
+
+
+def test_a_node_of_several_materials_is_one_part_of_its_name(tmp_path):
+    scene = trimesh.Scene()
+    for name, low in (("Door", 0.0), ("Door_handle", 2.0)):
+        scene.add_geometry(trimesh.creation.box(bounds=[[low, 0, 0], [low + 1, 1, 1]]), node_name=name, geom_name=name)
+
+    def divide(header):
+        for mesh in header["meshes"]:
+            mesh["primitives"] *= 2
+
+    src = tmp_path / "a.glb"
+    scene.export(src)
+    parts = read_mesh(patch_glb(src, divide), ImportReport())
+    assert sorted(part.part for part in parts) == ["Door", "Door", "Door_handle", "Door_handle"]
+    assert import_scene(src, tmp_path / "out", leave_out=["door"]).bounds_m[0, 0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("picture", [True, False])
+def test_a_black_surface_that_glows_has_the_colour_of_its_light(tmp_path, picture):
+    def glow(header):
+        (material,) = header["materials"]
+        own = material["pbrMetallicRoughness"]
+        texture = own.pop("baseColorTexture")
+        own["baseColorFactor"] = [0, 0, 0, 1]
+        material["emissiveFactor"] = [1, 0.6, 0]
+        if picture:
+            material["emissiveTexture"] = texture
+
+    (before,) = read_mesh(write_glb(tmp_path / "a.glb", furnished()[1]), ImportReport())
+    (part,) = read_mesh(patch_glb(tmp_path / "a.glb", glow), ImportReport())
+    assert part.rgb == pytest.approx((1.0, 0.6, 0.0))
+    assert np.array_equal(part.texture, before.texture) if picture else part.texture is None
+
+
+@pytest.mark.parametrize("diffuse", ["", "<diffuse><color>0 0 0.0 1</color></diffuse>"])
+def test_a_black_collada_surface_that_glows_has_the_colour_of_its_light(tmp_path, diffuse):
+    light = "<emission><color>1 0.6 0 1</color></emission>"
+    assert _coloured(tmp_path, "dae", ["1 1 1"] * 4, "0 0 0", light + diffuse).rgb == pytest.approx((1.0, 0.6, 0.0))
+
+
+@pytest.mark.parametrize(("diffuse", "shows"), [("0 0 0", True), ("0.2 0.4 0.6", False)])
+def test_a_picture_of_light_in_a_collada_file_is_read_or_left_out(tmp_path, caplog, diffuse, shows):
+    Image.new("RGB", (8, 8), (10, 200, 10)).save(tmp_path / "p.png")
+    light = f'<emission><texture texture="p" texcoord="UV"/></emission><diffuse><color>{diffuse} 1</color></diffuse>'
+    part = _coloured(tmp_path, "dae", ["1 1 1"] * 4, "0 0 0", light)
+    # It has no texture coordinates.
+    assert part.rgb == pytest.approx((1.0, 1.0, 1.0) if shows else (0.2, 0.4, 0.6))
+    assert not caplog.records
