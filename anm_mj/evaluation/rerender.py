@@ -44,6 +44,8 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
         camera = replace(camera, width_px=record.intrinsics.width, height_px=record.intrinsics.height)
     name = config.get("robot", SimulationConfig.robot)
     model = _of_config(RobotConfig, config["model"]) if "model" in config else preset_config(name)
+    # No odometry is read, and settings without effect would be told.
+    model = replace(model, wheel_noise=0.0)
     options = {"image_px": image_px, "robot": name, "model": model, "camera": camera}
     # It is carried to each pose, and need not fit where runs in the scene begin.
     with make_robot(world, must_fit=False, **options) as robot:

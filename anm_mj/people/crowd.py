@@ -83,7 +83,7 @@ class Crowd:
         self._seed = self._seed if seed is None else seed
         random = np.random.default_rng([self._seed, 83])
         self._num_periods = 0
-        self.doors.shut()
+        self.doors.shut(np.array([*robot_xy_m, self._robot_radius_m]))
         self._speed_mps = random.uniform(config.slowest_mps, config.fastest_mps, count)
         places = self._places(robot_xy_m, random)
         way = self._chair_way(np.vstack([robot_xy_m, places]), random) if config.has_chair else np.zeros((0, 2))

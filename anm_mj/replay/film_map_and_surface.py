@@ -5,6 +5,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw
 from PIL.ImageColor import getrgb
 
+from anm_mj.io.sequence_poses import base_pose
 from anm_mj.replay.film_depth_and_colour import PANEL_PX, font
 from anm_mj.replay.oblique_view import ObliqueView, square_around
 from anm_mj.replay.surface import GrowingMesh
@@ -67,12 +68,15 @@ class MapPanel:
 
     def _draw_robot(self, draw: ImageDraw.ImageDraw, timeline: Timeline, index: int) -> None:
         """The robot with the cone that it looks into, and the uncertainty of its position."""
-        pose = timeline.run.frames[index].pose
+        frame, camera = timeline.run.frames[index], timeline.run.intrinsics
+        pose = frame.pose
         ((x, y),) = self._px(pose.xy_m[None])
         radius = max(self._radius_m / self._metres_per_px, 12.0)
-        angle = -np.degrees(pose.yaw_rad)
+        # Angles of the picture are clockwise, as columns of an image are seen from above.
+        ahead = -np.degrees(base_pose(frame.T_world_camera).yaw_rad)
+        left, right = np.degrees(np.arctan([-camera.cx / camera.fx, (camera.width - camera.cx) / camera.fx]))
         draw.pieslice(
-            [x - 3 * radius, y - 3 * radius, x + 3 * radius, y + 3 * radius], angle - 45, angle + 45, "#bcd2e6"
+            [x - 3 * radius, y - 3 * radius, x + 3 * radius, y + 3 * radius], ahead + left, ahead + right, "#bcd2e6"
         )
         draw.circle((x, y), radius, palette.CAMERA, "white", 3)
         ellipse_m = timeline.ellipse_m(index)

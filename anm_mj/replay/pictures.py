@@ -11,6 +11,7 @@ from anm_mj.errors import AnmError
 from anm_mj.evaluation.rerender import explored_scene, observe_at
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import Run
+from anm_mj.replay.timeline import is_any
 
 _logger = logging.getLogger(__name__)
 
@@ -21,8 +22,9 @@ def kept_images(run: Run) -> bool:
 
 
 def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"] | None]:
-    """The colour image of each frame, in order; None for all where there is none to be had, which is logged. ``scene``
-    is the present name or folder of its scene, if it has moved. Raises RunFolderError if a kept image is damaged.
+    """The colour image of each frame, in order; None for all where there is none to be had, which is logged, as where
+    one that is rendered again lacks what moved. ``scene`` is the present name or folder of its scene, if it has moved.
+    Raises RunFolderError if a kept image is damaged.
     """
     if kept_images(run):
         for frame in run.frames:
@@ -37,4 +39,8 @@ def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "
         _logger.warning("The run kept no colour images, and they cannot be rendered again: %s", err)
         yield from [None] * len(run.frames)
         return
+    if is_any(run.frames[0]):
+        _logger.warning(
+            "The run kept no colour images: they are rendered again, without the people and things that move."
+        )
     yield from (observation.rgb for observation in itertools.chain((first,), rendered))

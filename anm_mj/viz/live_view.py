@@ -17,9 +17,10 @@ from meshcat.geometry import Object
 from meshcat.path import Path
 from PIL.ImageColor import getrgb
 
-from anm_mj.events import Ended, Stepped
+from anm_mj.events import Ended, Observed, Stepped
 from anm_mj.frames import pose_matrix
 from anm_mj.io.run_events import Completed, Mapped, Started, headline
+from anm_mj.localisation.localiser import TrackingState
 from anm_mj.protocols import Mapper
 from anm_mj.types import DEFAULT_FOOTPRINT, Observation, Plan, StopReason
 from anm_mj.utils.picture import jpeg_url
@@ -81,7 +82,10 @@ class LiveView:
         self._unit = "steps"
         self._started: Started | None = None
         self._radius_m = DEFAULT_FOOTPRINT.radius_m
+        self._is_lost = False
+        """Whether nobody knows where the camera of the last observation was."""
         self._trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
+        """One place per observation shown, NaN where the robot was lost: the trajectory has a gap there."""
         self._curve: list[tuple[int, float]] = []
         self._plan: Plan | None = None
         self._begin_s = time.perf_counter()
@@ -107,6 +111,9 @@ class LiveView:
             self._started = event
             if event.footprint is not None:
                 self._radius_m = event.footprint.radius_m
+        elif isinstance(event, Observed):
+            # Comes before what tells to show the same observation.
+            self._is_lost = event.estimate is not None and event.estimate.state is TrackingState.LOST
         elif isinstance(event, Stepped | Mapped):
             self.show(event.observation, event.mapper, event.plan)
             if self._started is not None:
@@ -185,11 +192,16 @@ class LiveView:
     def _show_robot(self, observation: Observation) -> None:
         self._transform("/meshcat/robot", pose_matrix(observation.pose))
         self._transform("/meshcat/camera", observation.T_world_camera)
-        self._trajectory_xy_m.append(observation.pose.xy_m)
+        for name in ("robot", "camera"):
+            # The property of the group itself is that of its check box in the page.
+            self._property(f"/meshcat/{name}/<object>", "visible", not self._is_lost)
+        self._trajectory_xy_m.append(np.full(2, np.nan) if self._is_lost else observation.pose.xy_m)
         segment = (len(self._trajectory_xy_m) - 1) // TRAJECTORY_SEGMENT_STEPS
         xy_m = np.array(self._trajectory_xy_m[max(0, segment * TRAJECTORY_SEGMENT_STEPS - 1) :])
-        ribbon = shapes.ribbon(xy_m, shapes.TRAJECTORY_HEIGHT_M, shapes.TRAJECTORY_WIDTH_M, TRAJECTORY)
-        self._object(f"trajectory/{segment}", ribbon)
+        ends_m = np.stack([xy_m[:-1], xy_m[1:]], axis=1)
+        known = np.isfinite(ends_m).all(axis=(1, 2))
+        band = shapes.bands(ends_m[known], shapes.TRAJECTORY_HEIGHT_M, shapes.TRAJECTORY_WIDTH_M, TRAJECTORY)
+        self._object(f"trajectory/{segment}", band)
 
     def _show_plan(self, plan: Plan) -> None:
         self._plan = plan

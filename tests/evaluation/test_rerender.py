@@ -27,6 +27,13 @@ def test_views_of_a_run_are_those_of_its_robot():
     assert not np.array_equal(views[0].depth_m, views[1].depth_m)
 
 
+def test_settings_of_a_run_that_no_image_depends_on_are_not_told(caplog):
+    scene = load_scene("room")
+    record = Mock(spec=Run, config={"model": {"wheel_noise": 0.02}}, intrinsics=Intrinsics.from_fov(16, 16, 1.2))
+    assert len(list(observe_at(scene, scene.starts[:1], 16, record))) == 1
+    assert "without effect" not in caplog.text
+
+
 def test_views_are_rendered_where_the_robot_does_not_fit_at_the_scenes_start():
     scene = load_scene("home")
     low = scene.bounds_m[0, :2]

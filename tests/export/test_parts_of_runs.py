@@ -44,6 +44,15 @@ def test_the_trajectory_is_a_line_for_each_piece_that_is_known(lost_run, tmp_pat
     assert [one["geometry"]["coordinates"] for one in lines] == [xy_m[:20], xy_m[29:34]]
 
 
+def test_a_run_without_a_known_pose_has_no_line_of_a_trajectory(lost_run, tmp_path):
+    lines = read_jsonl(lost_run.folder.frames)
+    for line in lines:
+        line["localisation"] = {"state": "LOST", "usable": False}
+    lost_run.folder.frames.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    for path in export_run(lost_run.folder.path, ["tum", "kitti"], tmp_path / "out"):
+        assert path.read_text() == "", path
+
+
 def test_the_figure_leaves_out_where_the_robot_was_lost(lost_run):
     drawn = topdown_of(lost_run).axes[0].collections
     (trajectory,) = [each for each in drawn if each.get_array() is not None]

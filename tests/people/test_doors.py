@@ -67,6 +67,26 @@ def test_a_door_is_shut_until_somebody_passes_and_open_from_then_on(floor, scene
     assert min(sides) < -0.6
 
 
+@pytest.mark.parametrize("aside_m", [-0.15, 0.0, 0.15])
+def test_a_door_in_which_the_robot_begins_is_open(floor, scene, door, aside_m):
+    middle, aside = door
+    begins_m = middle + aside_m * aside
+    crowd = Crowd(PeopleConfig(number=1, doors=1), floor, begins_m, ROBOT_M, 0)
+    assert gap_m(crowd.doors, begins_m, ROBOT_M) > 0.0
+    crowd.restart(scene.starts[0].xy_m)
+    assert gap_m(crowd.doors, middle, ROBOT_M) < 0.0
+    crowd.restart(begins_m)
+    assert gap_m(crowd.doors, begins_m, ROBOT_M) > 0.0
+
+
+def test_a_robot_of_torque_and_contact_stays_in_the_doorway_where_it_begins(scene, door):
+    begin = pose_at(door[0], 0.0)
+    with make_robot(scene, start=begin, image_px=16, drive="physics", people=PeopleConfig(number=1, doors=1)) as robot:
+        result = robot.act(Action.TURN_LEFT)
+        assert not result.collided
+        assert result.moved_m < 0.01
+
+
 def test_a_door_turns_into_nobody(floor, scene, door):
     middle, aside = door
     crowd = Crowd(PeopleConfig(number=1, doors=1), floor, scene.starts[0].xy_m, ROBOT_M, 0)

@@ -2,6 +2,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from anm_mj.evaluation.rerender import observe_at
 from anm_mj.io.read_run import Run
@@ -24,3 +25,12 @@ def test_images_that_were_not_kept_show_what_the_camera_truly_saw(tmp_path):
     for image, seen in zip(shown, observe_at(scene, true, 64), strict=True):
         assert image is not None
         np.testing.assert_array_equal(image, seen.rgb)
+
+
+@pytest.mark.parametrize("people", [(), ((1.0, 1.0, 0.0, 0.0, 0.0),)])
+def test_it_is_said_that_images_rendered_again_show_nobody(tmp_path, caplog, people):
+    scene, camera = load_scene("room"), Intrinsics.from_fov(64, 64, 1.2)
+    frame = FrameRecord(0, 0.0, scene.starts[0], np.eye(4), scene.starts[0], np.eye(4), people=people)
+    facts = {"scene": "room", "scene_hash": scene.hash}
+    assert len(list(pictures(Run(RunFolder(tmp_path), camera, (64, 64), (frame,), (), (), facts, {})))) == 1
+    assert ("without the people" in caplog.text) == bool(people)

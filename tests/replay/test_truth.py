@@ -10,10 +10,11 @@ from PIL.ImageColor import getrgb
 from anm_mj.io.read_run import Run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
-from anm_mj.replay.film_map_and_surface import MapPanel
+from anm_mj.replay.film_map_and_surface import SUPERSAMPLING, MapPanel
 from anm_mj.replay.timeline import Timeline, known_pieces
 from anm_mj.types import Intrinsics, Pose2
 from anm_mj.viz import palette
+from tests.box_room import camera_pose
 
 
 def timeline(true_y_m=0.0, covariance=None, lost=()):
@@ -67,3 +68,22 @@ def test_the_map_shows_both_trajectories_and_the_ellipse():
     assert {getrgb(palette.TRUE), getrgb(palette.PATH)} <= with_truth
     assert getrgb(palette.CAMERA) in plain
     assert getrgb(palette.CAMERA) not in colours(timeline(lost=range(8)))
+
+
+@pytest.mark.parametrize(("fov_rad", "aside_rad"), [(1.5, 0.0), (0.8, 0.0), (0.8, 0.4)])
+def test_the_cone_of_the_robot_is_what_its_camera_sees(fov_rad, aside_rad):
+    T_world_camera = camera_pose(Pose2(0.0, 0.0, aside_rad))
+    frame = FrameRecord(0, 0.0, Pose2(0.0, 0.0, 0.0), T_world_camera, Pose2(0.0, 0.0, 0.0), T_world_camera)
+    camera = Intrinsics.from_fov(80, 80, fov_rad)
+    shown = Timeline(Run(RunFolder(Path()), camera, (80, 80), (frame,), (), (), {}, {}))
+    panel = MapPanel(np.array([[-1.0, -1.0], [1.0, 1.0]]), 0.18)
+    image = np.asarray(panel.draw(shown, 0, np.zeros((0, 2)))).astype(int)
+    angles, ((x, y),) = np.linspace(-math.pi, math.pi, 3600, endpoint=False), panel._px(np.zeros((1, 2)))
+    radius_px = 0.45 / panel._metres_per_px
+    col, row = (
+        np.rint(at / SUPERSAMPLING).astype(int)
+        for at in (x + radius_px * np.cos(angles), y - radius_px * np.sin(angles))
+    )
+    inside = angles[np.abs(image[row, col] - getrgb("#bcd2e6")).max(axis=1) < 8]
+    assert inside.min() == pytest.approx(aside_rad - fov_rad / 2, abs=0.03)
+    assert inside.max() == pytest.approx(aside_rad + fov_rad / 2, abs=0.03)
