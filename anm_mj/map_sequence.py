@@ -339,5 +339,5 @@ def _shadow_policy(config: RunConfig, footprint: Footprint) -> GuardedPolicy:
     settings = config.policy_settings
     if any(field.name == "bootstrap_turns" for field in fields(settings)):
         settings = replace(settings, bootstrap_turns=0)
-    policy = make_policy(config.policy, PolicyContext(footprint, settings, config.planning, config.seed))
-    return GuardedPolicy(policy, config.policy, "The mapping goes on without decisions")
+    context = PolicyContext(footprint, settings, config.planning, config.seed, goal=config.goal)
+    return GuardedPolicy(make_policy(config.policy, context), config.policy, "The mapping goes on without decisions")

@@ -21,7 +21,7 @@ from anm_mj.io.run_events import Mapped
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.map_sequence import _Mapping, map_sequence
 from anm_mj.planning.policies.random_walk import RandomWalk
-from anm_mj.types import Intrinsics, Pose2
+from anm_mj.types import Footprint, Intrinsics, Pose2
 from anm_mj.viz.live_view import LiveView
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
 from tests.fake_robot import FakeRobot
@@ -260,3 +260,13 @@ def test_a_mapping_that_ended_in_an_error_goes_on_as_if_nothing_had_happened(
     assert not (out / "checkpoint").exists()
     assert main([*words, "--resume", str(out)]) == 2
     assert "has no checkpoint to resume from" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("goal", ["coverage", "reconstruction"])
+def test_a_shadow_has_the_goal_of_the_mapping(sequence, monkeypatch, goal):
+    asked = []
+    monkeypatch.setattr(RandomWalk, "__init__", lambda self, context: asked.append(context.goal))
+    config = make_config("quick", [], scene=str(sequence), policy="random", goal=goal)
+    frames, _ = open_sequence(sequence, SequenceOptions())
+    _Mapping(frames, config, Footprint(0.18, 0.05, 1.35), shadow=True)
+    assert asked == [goal]

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 MAX_PSNR_DB = 100.0
 """PSNR of identical images."""
+MAP_DEPTH_M = 12.0
+"""Farther surface is not looked for in the map [m]."""
 MAX_ERROR_M = 1.0
 """The depth error counts no pixel with more than this, and a pixel without a surface with just this [m]; as
 completion."""
@@ -115,7 +117,7 @@ def compare_views(
     for the progress.
     """
     for done, view in enumerate(views, start=1):
-        rgb, depth_m = neural_map.render(view.intrinsics, view.T_world_camera)
+        rgb, depth_m = neural_map.render(view.intrinsics, view.T_world_camera, MAP_DEPTH_M)
         yield view, rgb, depth_m, compare_view(rgb, depth_m, view.rgb, view.depth_m)
         on_progress(done, num_views)
 

@@ -165,7 +165,10 @@ class FieldOccupancy:
             return slice(None), slice(None)
         around_m = 2.0 * depth_grid.resolution_m * np.array([[-1.0], [1.0]])
         low, high = (box_xy_m + around_m - depth_grid.origin_m[:2]) / (BLOCK * depth_grid.resolution_m)
-        low, high = np.maximum(np.floor(low), 0).astype(int), np.maximum(np.ceil(high), 0).astype(int)
+        # A box may reach to infinity, which is no whole number.
+        low, high = (
+            np.clip(edge, 0, self._read_frame.shape[:0:-1]).astype(int) for edge in (np.floor(low), np.ceil(high))
+        )
         return slice(low[1], high[1]), slice(low[0], high[0])
 
     def _follow_growth(self, depth_grid: OccupancyGrid) -> None:

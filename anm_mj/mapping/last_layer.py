@@ -26,6 +26,8 @@ from anm_mj.types import OCCUPIED, SurfaceErrors
 
 PRIOR_OBSERVATIONS = 0.1
 """Added to every observation count, so that the uncertainty is finite where nothing was observed."""
+USUAL_VOXEL_M = 0.05
+"""Observations count on surface as large as a face of such a voxel, by which the expected error was fitted [m]."""
 SCALE_M = 0.0014
 """Reducible part of the expected error at a variance of 1 [m]."""
 CONSTANT_M = np.float32(0.0018)
@@ -46,7 +48,8 @@ def last_layer_variance(
     """Variance of s at world points [m] by leverage and observation count, up to a constant factor.
     ``density_exponent`` is that of the schedule that the map was trained by.
     """
-    count = PRIOR_OBSERVATIONS + observation_density(occupancy, points_m)
+    per_voxel = observation_density(occupancy, points_m)
+    count = PRIOR_OBSERVATIONS + per_voxel * (USUAL_VOXEL_M / occupancy.config.voxel_m) ** 2
     return (leverage(backend, occupancy, points_m, density_exponent) / count ** (1.0 - density_exponent)).astype(
         np.float32
     )

@@ -223,10 +223,12 @@ class NeuralMap:
         return colored_mesh(self._mesh.extract(self.backend.query_sdf, self.rgb, resolution_m, reuse=reuse))
 
     def render(
-        self, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
+        self, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"], max_depth_m: float = math.inf
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and planar depth [m] as a camera would see the map (Eq. 1); black and NaN where no surface is."""
-        return render_view(self.backend, self.occupancy.by_depth, intrinsics, T_world_camera)
+        """Colour and planar depth [m] as a camera would see the map (Eq. 1); black and NaN where no surface is up to
+        ``max_depth_m`` [m].
+        """
+        return render_view(self.backend, self.occupancy.by_depth, intrinsics, T_world_camera, max_depth_m)
 
     def save(self, path: Path | str) -> None:
         """Write parameters, configuration and occupancy to ``path`` (``map.safetensors``).

@@ -1,5 +1,7 @@
 """Views rendered from the map, sampled about the surface that each ray meets first."""
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt8
 
@@ -10,8 +12,6 @@ from anm_mj.types import OCCUPIED, Intrinsics, SdfQuery
 
 _SAMPLES = 24
 """Samples per ray."""
-_MAX_DEPTH_M = 12.0
-"""Planar depth at which the search for a surface ends [m]."""
 _STRIDE = 0.6
 """Steps of the search, in voxel edges."""
 _REACH = 0.9
@@ -21,11 +21,17 @@ _PROBES = 9
 
 
 def render_view(
-    backend: MapperBackend, occupancy: DepthOccupancy, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
+    backend: MapperBackend,
+    occupancy: DepthOccupancy,
+    intrinsics: Intrinsics,
+    T_world_camera: Float[np.ndarray, "4 4"],
+    max_depth_m: float = math.inf,
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-    """Colour and planar depth [m] as a camera would see them; black and NaN along rays that meet no surface."""
-    truncation_m = backend.config.field.truncation_m
-    origin, direction, z, hit = view_samples(occupancy, backend.query_sdf, intrinsics, T_world_camera, truncation_m)
+    """Colour and planar depth [m] as a camera would see them; black and NaN along rays that meet no surface up to
+    ``max_depth_m`` [m].
+    """
+    limits = backend.config.field.truncation_m, max_depth_m
+    origin, direction, z, hit = view_samples(occupancy, backend.query_sdf, intrinsics, T_world_camera, *limits)
     rgb = np.zeros((intrinsics.height * intrinsics.width, 3), np.uint8)
     depth = np.full(len(rgb), np.nan, np.float32)
     rendered, rendered_depth = backend.render(origin, direction, z)
@@ -41,6 +47,7 @@ def view_samples(
     intrinsics: Intrinsics,
     T_world_camera: Float[np.ndarray, "4 4"],
     truncation_m: float,
+    max_depth_m: float = math.inf,
 ) -> tuple[
     Float32[np.ndarray, "n 3"],
     Float32[np.ndarray, "n 3"],
@@ -53,11 +60,13 @@ def view_samples(
     ray that grazes an occupied voxel and stays in free space goes on. One that meets occupied voxels and never passes
     into a solid, because the field has no surface where the voxels are, ends at the first of them. Returns origins [m]
     and directions (planar depth 1) of the rays that meet a surface, their sample depths [m], and which pixels they are,
-    row by row. ``sdf`` may be in any unit; ``truncation_m`` is that of the field.
+    row by row. ``sdf`` may be in any unit; ``truncation_m`` is that of the field; the search ends at the planar depth
+    ``max_depth_m`` [m], or where the map does.
     """
     directions = pixel_directions(intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
-    first, crossing = _search(occupancy, sdf, origin, directions)
+    end_m = min(max_depth_m, _map_depth_m(occupancy, T_world_camera))
+    first, crossing = _search(occupancy, sdf, origin, directions, end_m)
     hit = np.isfinite(first)
     crossed = np.isfinite(crossing[hit])
     middle = np.where(crossed, crossing[hit], first[hit] + 0.5 * truncation_m)
@@ -69,15 +78,30 @@ def view_samples(
     return start, rays, np.maximum(z, 1e-3).astype(np.float32), hit
 
 
+def _map_depth_m(occupancy: DepthOccupancy, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
+    """Planar depth of the farthest corner of the occupancy grid [m]; 0 where it lies behind the camera."""
+    grid = occupancy.grid
+    low = grid.origin_m - T_world_camera[:3, 3]
+    high = low + np.array(grid.state.shape[::-1]) * grid.resolution_m
+    axis = T_world_camera[:3, 2]
+    return max(0.0, float(np.maximum(low * axis, high * axis).sum()))
+
+
 def _search(
-    occupancy: DepthOccupancy, sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+    occupancy: DepthOccupancy,
+    sdf: SdfQuery,
+    origin: Float[np.ndarray, "3"],
+    directions: Float[np.ndarray, "n 3"],
+    end_m: float,
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Planar depth of the first occupied voxel, and of the first surface in or at one [m]; NaN where there is none."""
+    """Planar depth of the first occupied voxel, and of the first surface in or at one, up to ``end_m`` [m]; NaN where
+    there is none.
+    """
     first = np.full(len(directions), np.nan)
     crossing = np.full(len(directions), np.nan)
     searching = np.arange(len(directions))
     step, reach = occupancy.config.voxel_m * _STRIDE, occupancy.config.voxel_m * _REACH
-    for z in np.arange(step, _MAX_DEPTH_M, step):
+    for z in np.arange(step, end_m, step):
         occupied = searching[occupancy.state_at(origin + directions[searching] * z) == OCCUPIED]
         if not len(occupied):
             continue

@@ -32,7 +32,7 @@ class Renders(NeuralMap):
     def __init__(self, images):
         self.images = iter(images)
 
-    def render(self, intrinsics, T_world_camera):
+    def render(self, intrinsics, T_world_camera, max_depth_m):
         return next(self.images)
 
 

@@ -310,3 +310,11 @@ def test_learned_field_clears_the_floor_that_noise_blocks(tiny_config, room):
         cell = np.floor((points - grid.origin_m) / grid.resolution_m).astype(int)
         blocked.append(float((grid.state[low:high, cell[:, 1], cell[:, 0]] == OCCUPIED).any(axis=0).mean()))
     assert blocked[1] <= 0.5 * blocked[0]
+
+
+@pytest.mark.parametrize("reach_m", [math.inf, 1e30])
+def test_a_box_without_end_is_the_whole_grid(room, occupancy, reach_m):
+    box = np.array([[-reach_m, -reach_m], [reach_m, reach_m]])
+    found, whole = (FieldOccupancy(occupancy).grid(room.sdf, each).state for each in (box, None))
+    assert (whole != UNKNOWN).any()
+    np.testing.assert_array_equal(found, whole)

@@ -107,3 +107,15 @@ def test_empty_map_is_uncertain_everywhere(tiny_config):
     assert (
         last_layer_variance(empty.backend, empty.occupancy.by_depth, np.zeros((3, 3)), DENSITY_EXPONENT) > 0.0
     ).all()
+
+
+def test_how_fine_the_voxels_are_does_not_change_the_expected_error(tiny_config, room):
+    def error_m(voxel_m: float) -> float:
+        config = replace(tiny_config, occupancy=replace(tiny_config.occupancy, voxel_m=voxel_m))
+        neural_map = NeuralMap(config, seed=0, device="cpu")
+        for step in range(4):
+            neural_map.integrate(room.observe(1.5, 1.5, 0.0, size=128, step=step))
+        return float(np.median(neural_map.surface_errors(np.array([1.5, 1.5]), 6.0).error_m))
+
+    assert error_m(0.1) == pytest.approx(error_m(0.05), rel=0.15)
+    assert error_m(0.2) == pytest.approx(error_m(0.05), rel=0.25)

@@ -1,10 +1,12 @@
+import math
+
 import numpy as np
 import pytest
 
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.view import view_samples
-from anm_mj.types import OCCUPIED
+from anm_mj.types import OCCUPIED, Intrinsics
 
 SURFACE_X_M = 3.0
 
@@ -50,3 +52,19 @@ def test_a_ray_that_leaves_a_solid_behind_it_meets_no_surface_there(all_occupied
 
     _, _, z, _ = view_samples(all_occupied, inverted, view.intrinsics, view.T_world_camera, 0.1)
     assert z.max() < 0.5
+
+
+@pytest.mark.parametrize("back_m", [5.0, 15.0, 40.0])
+def test_the_map_is_seen_from_however_far(all_occupied, view, back_m):
+    T_world_camera = view.T_world_camera.copy()
+    T_world_camera[0, 3] -= back_m
+    looking = Intrinsics.from_fov(8, 8, math.radians(1.0))
+    _, _, z, hit = view_samples(all_occupied, plane, looking, T_world_camera, 0.1)
+    assert hit.all()
+    np.testing.assert_allclose(z.mean(axis=1), SURFACE_X_M - 1.0 + back_m, atol=0.02)
+    assert not view_samples(all_occupied, plane, looking, T_world_camera, 0.1, 0.5 * back_m)[3].any()
+
+
+def test_an_empty_map_shows_nothing(view):
+    grid = DepthOccupancy(OccupancyConfig())
+    assert not view_samples(grid, plane, view.intrinsics, view.T_world_camera, 0.1)[3].any()
