@@ -20,6 +20,8 @@ COLOUR_CHANNELS = {
 NUM_CHANNELS = {"rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 _MOST_PADDING = 64
 """Rows end in fewer bytes than this, or than their pixels, that mean nothing."""
+_PNG, _PNG_TYPE = b"\x89PNG\r\n\x1a\n", slice(24, 26)
+"""How a PNG begins, and where it says its bits and its kind of pixels."""
 DEPTH_HEADER = struct.Struct("<iff")
 """What compressed_depth_image_transport puts before its PNG: format and two parameters of the quantisation."""
 
@@ -30,7 +32,8 @@ def encoding_of(message: Any) -> str:
     if encoding is None:
         # A 16-bit image is packed into a PNG without the header of compressedDepth, too.
         encoding = message.format.partition(";")[0].strip()
-        return "depth" if "compressedDepth" in message.format or encoding in _DEPTH_TYPES else "colour"
+        is_depth = "compressedDepth" in message.format or encoding in _DEPTH_TYPES or _is_deep_png(message)
+        return "depth" if is_depth else "colour"
     if encoding in _DEPTH_TYPES:
         return "depth"
     return "colour" if encoding in COLOUR_CHANNELS else encoding
@@ -68,6 +71,12 @@ def depth_image(message: Any, unit_m: float, *, far: bool = False) -> Float32[np
             depth_m[is_sentinel(raw)] = np.nan
     kept = (depth_m > 0.0) & (depth_m <= FARTHEST_M)
     return np.where(kept | (far & np.isposinf(depth_m)), depth_m, np.float32(np.nan))
+
+
+def _is_deep_png(message: Any) -> bool:
+    """Whether compressed data are a PNG of one channel of 16 bits, whatever their format says, as ``png`` alone."""
+    start = bytes(np.asarray(message.data[: _PNG_TYPE.stop], np.uint8))
+    return start.startswith(_PNG) and start[_PNG_TYPE] == b"\x10\x00"
 
 
 def _compressed_depth(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:

@@ -1,5 +1,6 @@
 """Reads sequences whose poses are 4 x 4 numbers: 7-Scenes, what ScanNet's exporter writes, and Open3D's."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ from anm_mj.io.image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count
-from anm_mj.io.sequence_text import files_in_order, number_rows, rows
+from anm_mj.io.sequence_text import files_in_order, in_number_order, number_rows, rows
 from anm_mj.utils.read_file import convert
 
 _UNIT_M = 0.001
@@ -85,8 +86,9 @@ def read_open3d(folder: Path) -> Sequence:
     )
     count = max(len(colours), len(depths), len(poses))
     frames = tuple(
-        Frame(index * FRAME_S, colour, depth, pose)
-        for index, (colour, depth, pose) in enumerate(zip(colours, depths, poses, strict=False))
+        Frame(line * FRAME_S, colour, depth, poses[line])
+        for line, colour, depth in _paired(colours, depths, len(poses))
+        if line < len(poses)
     )
     left_out = LeftOut(
         count - len(frames),
@@ -103,6 +105,33 @@ def read_open3d(folder: Path) -> Sequence:
     k = said.intrinsic_matrix
     camera = from_pixel_centres(said.width, said.height, (k[0], k[4], k[6], k[7]))
     return Sequence(folder, camera, 1.0 / said.depth_scale, frames, resize=True, left_out=(left_out,))
+
+
+def _paired(colours: list[Path], depths: list[Path], poses: int) -> list[tuple[int, Path, Path]]:
+    """Which of so many poses, and the images of each frame. Images stand beside each other by the first number in their
+    names where an image is missing, else by their rank.
+    """
+    coloured, measured = _numbered(colours), _numbered(depths)
+    common = sorted(coloured.keys() & measured.keys())
+    numbers = sorted(coloured.keys() | measured.keys())
+    is_whole = len(coloured) == len(measured) and not any(map(_has_gap, (coloured, measured)))
+    # Times of images tell nothing of their partners.
+    if is_whole or 2 * len(common) <= len(numbers):
+        return [(rank, *images) for rank, images in enumerate(zip(colours, depths, strict=False))]
+    has_all = numbers[-1] - numbers[0] + 1 == poses
+    line = {number: number - numbers[0] if has_all else rank for rank, number in enumerate(numbers)}
+    return [(line[number], coloured[number], measured[number]) for number in common]
+
+
+def _numbered(files: list[Path]) -> dict[int, Path]:
+    """Files by the first number in their names; none where it does not tell them apart."""
+    found = [[part for part in in_number_order(path.stem) if isinstance(part, int)] for path in files]
+    numbered = {numbers[0]: path for numbers, path in zip(found, files, strict=True) if numbers}
+    return numbered if len(numbered) == len(files) else {}
+
+
+def _has_gap(numbers: Collection[int]) -> bool:
+    return bool(numbers) and max(numbers) - min(numbers) + 1 > len(numbers)
 
 
 def _frames(folder: Path, files: list[tuple[Path, ...]]) -> tuple[tuple[Frame, ...], LeftOut]:

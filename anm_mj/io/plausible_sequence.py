@@ -125,7 +125,7 @@ def check_heights(sequence: Sequence, floor_m: float) -> None:
     height_m = float(np.median([frame.T_world_camera[2, 3] for frame in sequence.frames])) - floor_m
     if not _HEIGHTS_M[0] <= height_m <= _HEIGHTS_M[1]:
         tenths = [unit for unit in (0.1, 0.001, 10.0, 1000.0) if _CARRIED_M[0] <= unit * height_m <= _CARRIED_M[1]]
-        guess = f", as in --depth-unit {tenths[0] * sequence.depth_unit_m:g}" if tenths else ""
+        guess = f", as in --depth-unit {tenths[0] * sequence.stated_unit_m:g}" if tenths else ""
         _logger.warning(
             "The cameras of %s are %.4g m above the floor: check the unit of depth (--depth-unit%s), the axis that "
             "points up (--up) and the floor (--floor).",

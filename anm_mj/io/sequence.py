@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -174,6 +175,23 @@ class Sequence:
         pose = base_pose(frame.T_world_camera)
         return Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
 
+    @property
+    def states_metres(self) -> bool:
+        """Whether its files hold depth in floating point, to which ``depth_unit_m`` does not apply; False where none
+        can be read, and of a bag.
+        """
+        for frame in self.frames:
+            if not isinstance(frame.depth, Path):
+                return False
+            with suppress(RunFolderError):
+                return read_pixels(frame.depth).dtype.kind not in "iu"
+        return False
+
+    @property
+    def stated_unit_m(self) -> float:
+        """Metres per unit of the depth in its files, be it of whole numbers or not."""
+        return self.depth_scale if self.states_metres else self.depth_unit_m
+
     def moved(self, T_new_world: Float[np.ndarray, "4 4"]) -> Sequence:
         """The same frames in another world."""
         frames = (replace(frame, T_world_camera=T_new_world @ frame.T_world_camera) for frame in self.frames)
@@ -247,7 +265,7 @@ class SequenceOptions:
     camera: tuple[float, float, float, float] | None = None
     """fx, fy, cx, cy [px]; the principal point measured from the corner of the image."""
     depth_unit_m: float | None = None
-    """Metres per unit of a depth PNG."""
+    """Metres per unit of a depth image, also of one in floating point, which is in metres else."""
     up: str | None = None
     """Axis of the sequence's world that points up: ``z``, ``-z``, ``y`` or ``-y``; None = as in the layout. Without
     poses that world is the first camera's: None = -y, a camera that is held level; ``floor`` = as the floor that it

@@ -104,7 +104,8 @@ def _with_camera(sequence: Sequence, options: SequenceOptions) -> Sequence:
     elif sequence.assumes_camera:
         check_assumed_camera(sequence)
     if options.depth_unit_m is not None:
-        sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
+        scale = options.depth_unit_m if sequence.states_metres else 1.0
+        sequence = replace(sequence, depth_unit_m=options.depth_unit_m, depth_scale=sequence.depth_scale * scale)
     elif sequence.assumes_camera:
         say_assumed_unit(sequence)
     return sequence

@@ -49,13 +49,16 @@ def number_rows(path: Path, *columns: int) -> Float[np.ndarray, "n columns"]:
 
 
 def seconds(times: Sequence[float]) -> list[float]:
-    """Times that are later than any in seconds, as of nanoseconds, in the unit in which they pass as frames do."""
+    """Times that are later than any in seconds, as of nanoseconds, in the unit in which they pass as frames do: of
+    those units in which they are no later than any in seconds.
+    """
     stated = np.array(times, np.float64)
     if not len(stated) or not stated.max() > LATEST_S:
         return list(times)
     apart = np.diff(np.unique(stated))
     step = float(np.median(apart)) if len(apart) else float(stated.max()) / LATEST_S
-    unit = min((1e-3, 1e-6, 1e-9), key=lambda unit: abs(math.log(step * unit / _USUAL_STEP_S)))
+    units = [unit for unit in (1e-3, 1e-6, 1e-9) if stated.max() * unit <= LATEST_S] or [1e-9]
+    unit = min(units, key=lambda unit: abs(math.log(step * unit / _USUAL_STEP_S)))
     return (stated * unit).tolist()
 
 

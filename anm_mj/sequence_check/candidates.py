@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.sequence_check.correction import CONVENTIONS, Correction, all_axes
+from anm_mj.sequence_check.correction import (
+    CONVENTIONS,
+    LARGEST_FACTOR,
+    LEAST_FACTOR,
+    Correction,
+    all_axes,
+)
 from anm_mj.sequence_check.correction_trial import CorrectionTrial
 
 SCALES = tuple(np.exp(np.arange(-18, 19) * 0.17)) + tuple(
@@ -56,7 +62,9 @@ def candidates(trial: CorrectionTrial, start: Correction) -> list[Candidate]:
             ],
         }
     found = [_best(trial, kind, corrections) for kind, corrections in discrete.items()]
-    found.append(_refined(trial, "scale", SCALES, _by_factor(start, "pose_scale")))
+    # Beside a factor that was found already, some are more than there can be.
+    scales = [value for value in SCALES if LEAST_FACTOR <= start.pose_scale * value <= LARGEST_FACTOR]
+    found.append(_refined(trial, "scale", scales, _by_factor(start, "pose_scale")))
     found.append(_refined(trial, "focal", FOCAL_SCALES, _by_factor(start, "focal_scale")))
     if has_clock(trial):
         found.append(_refined(trial, "time", offsets_s(trial), _by_offset(start, "time_offset_s"), factor=False))

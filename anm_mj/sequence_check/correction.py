@@ -36,6 +36,8 @@ _DIRECTIONS = {
     "F": (0.0, 0.0, 1.0),
     "B": (0.0, 0.0, -1.0),
 }
+LEAST_FACTOR, LARGEST_FACTOR = 1e-6, 1e6
+"""Between these lie the factors of positions and of depth."""
 _MIRROR_WORLD = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
@@ -76,7 +78,7 @@ class Correction:
                 "OpenCV), RUB (right, up, back: OpenGL) or FLU (forward, left, up: ROS)."
             )
         for name, value in (("--pose-scale", self.pose_scale), ("--depth-scale", self.depth_scale)):
-            if not 1e-6 <= value <= 1e6:
+            if not LEAST_FACTOR <= value <= LARGEST_FACTOR:
                 raise ConfigError(f"{name} is {value:g}; give a positive factor.")
         for name, value in (("--time-offset", self.time_offset_s), ("--colour-offset", self.colour_offset_s)):
             if not abs(value) <= 1e10:

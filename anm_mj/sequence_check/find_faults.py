@@ -16,8 +16,9 @@ from anm_mj.sequence_check.evidence import Evidence
 from anm_mj.sequence_check.misfit import COLOUR_WEIGHT, Misfit
 from anm_mj.sequence_check.surfaces import Surfaces
 
-UNITS_M = (1.0 / 1000, 1.0 / 5000, 1.0 / 6553.5, 1.0 / 10000, 1.0 / 4000, 1.0 / 256, 1.0 / 100, 1.0)
-"""Units of depth images in use: millimetres, TUM, Replica, D405, L515, KITTI, centimetres, metres."""
+UNITS_M = (1.0 / 1000, 1.0 / 5000, 1.0 / 6553.5, 1.0 / 10000, 1.0 / 4000, 1.0 / 256, 1.0 / 100)
+"""Units of depth images in use: millimetres, TUM, Replica, D405, L515, KITTI, centimetres. Not metres: surfaces in
+whole metres would fit nothing, and what looks so are positions in millimetres."""
 _UNIT_SHARE = 0.035
 """A factor that leads so near to one of them is one of depth, else one of the poses."""
 _LEAST_GAIN = {"scale": 0.006, "focal": 0.006, "time": 0.006, "colour": 0.004}

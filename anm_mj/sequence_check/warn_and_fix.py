@@ -21,7 +21,7 @@ def options(correction: Correction, sequence: Sequence, given: Correction) -> li
         "axes": f"--axes {correction.axes}",
         "mirrored": "--mirrored" if correction.mirrored else "no --mirrored",
         "ray_depth": "--ray-depth" if correction.ray_depth else "no --ray-depth",
-        "depth_scale": f"--depth-unit {sequence.depth_unit_m * correction.depth_scale:.6g}",
+        "depth_scale": f"--depth-unit {sequence.stated_unit_m * correction.depth_scale:.6g}",
         "pose_scale": f"--pose-scale {correction.pose_scale:.4g}",
         "focal_scale": f"--camera {k.fx * scale:.5g},{k.fy * scale:.5g},{k.cx:.5g},{k.cy:.5g}",
         "time_offset_s": f"--time-offset={correction.time_offset_s:.3f}",
@@ -104,7 +104,7 @@ class BeforeMapping:
             return corrected_sequence(sequence, self.given), up
         self.verdict = find_faults(
             evidence,
-            depth_unit_m=prepared.depth_unit_m,
+            depth_unit_m=prepared.stated_unit_m,
             up=None if self.keeps_up else up,
             start=Correction(self.given.convention, self.given.axes),
         )

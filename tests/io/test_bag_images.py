@@ -60,14 +60,17 @@ def test_depth_beyond_everything_is_none(tmp_path):
     assert np.isnan(next(sequence.observations()).depth_m[0]).all()
 
 
-@pytest.mark.parametrize(("kind", "fits"), [("uint16", True), ("uint8", False)])
-def test_depth_in_a_plain_png_has_16_bits(tmp_path, kind, fits):
+@pytest.mark.parametrize(
+    ("kind", "words", "fits"),
+    [("uint16", "16UC1; png compressed ", True), ("uint16", "png", True), ("uint8", "16UC1; png compressed ", False)],
+)
+def test_depth_in_a_plain_png_has_16_bits(tmp_path, kind, words, fits):
     said = [entry for entry in images() if entry[0] != DEPTH] + poses_by_tf()
     for one in seen():
         buffer = io.BytesIO()
         Image.fromarray(np.rint(1000.0 * one.depth_m).astype(kind)).save(buffer, "PNG")
         t = one.time_s + 100.0
-        said.append((DEPTH + "/compressed", t, compressed(t, buffer.getvalue(), "16UC1; png compressed ")))
+        said.append((DEPTH + "/compressed", t, compressed(t, buffer.getvalue(), words)))
     sequence, _ = open_sequence(write_bag(tmp_path / "bag", said), SequenceOptions(floor_m=0.0))
     if fits:
         check(sequence)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_files import files_in
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
+from anm_mj.io.sequence_text import seconds
 from anm_mj.types import Intrinsics
 from tests.box_room import room_depth
 from tests.io.test_sequence_layouts import to_wall_m
@@ -94,6 +95,30 @@ def assert_as_written(sequence, *, walk=WALK, mirrored=False, in_first_camera=Fa
             assert np.nanmax(to_wall_m(after)) < 0.03
         assert abs(after.rgb.astype(int) - before.rgb).mean() < 3.0
         assert after.intrinsics.fx == pytest.approx(before.intrinsics.fx)
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [["depth/00005.png"], ["color/00003.jpg", "depth/00005.png"], ["color/00003.jpg", "depth/00003.png"]],
+)
+def test_images_of_open3d_keep_their_partners_and_poses_where_one_is_lost(tmp_path, lost):
+    path = walk(count=12)
+    write_open3d(tmp_path, path)
+    for name in lost:
+        (tmp_path / name).unlink()
+    sequence, _ = open_sequence(tmp_path)
+    numbers = sorted(set(range(12)) - {int(name[-9:-4]) for name in lost})
+    assert [int(frame.colour.stem) for frame in sequence.frames] == numbers
+    assert_as_written(sequence, walk=[path[k] for k in numbers], in_first_camera=True)
+
+
+def test_images_of_open3d_whose_names_are_times_are_paired_by_rank(tmp_path):
+    path = walk(count=4)
+    write_open3d(tmp_path, path)
+    for name, begin in (("color", 1000), ("depth", 1010)):
+        for k, file in enumerate(sorted((tmp_path / name).iterdir())):
+            file.rename(file.with_stem(f"{begin + 33 * k}"))
+    assert_as_written(open_sequence(tmp_path)[0], walk=path, in_first_camera=True)
 
 
 @pytest.mark.parametrize("layout", ["stray", "polycam", "arkitscenes"])
@@ -229,6 +254,13 @@ def test_stamps_in_other_units_than_seconds(tmp_path, digits, first):
     sequence, _ = open_sequence(tmp_path, SequenceOptions(camera=(32.0, 32.0, 32.0, 32.0)))
     assert_as_written(sequence)
     assert [frame.time_s for frame in sequence.frames] == pytest.approx([first + one.time_s for one in WALK], abs=1e-3)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("rate_hz", [30, 200, 1000])
+def test_stamps_of_fast_poses_are_of_this_century(unit, rate_hz):
+    times_s = EPOCH_S + np.arange(50) / rate_hz
+    assert seconds((times_s / unit).tolist()) == pytest.approx(times_s.tolist(), rel=0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from PIL import Image
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
+from anm_mj.sequence_check.warn_and_fix import BeforeMapping
 from tests.io.test_sequence_layouts import (
     CAMERA,
     PINHOLE,
@@ -50,6 +51,20 @@ def float_metres(folder):
         Image.fromarray(metres).save(path.with_suffix(".tiff"))
         path.unlink()
     rewrite(folder / "depth.txt", lambda text: text.replace(".png", ".tiff"))
+
+
+def test_depth_in_floating_point_has_the_unit_that_is_given(tmp_path, caplog):
+    write_tum(tmp_path)
+    for path in (tmp_path / "depth").iterdir():
+        millimetres = np.asarray(Image.open(path)).astype(np.float32) / 5
+        Image.fromarray(millimetres).save(path.with_suffix(".tiff"))
+    rewrite(tmp_path / "depth.txt", lambda text: text.replace(".png", ".tiff"))
+    judged = BeforeMapping()
+    open_sequence(tmp_path, SequenceOptions(camera=PINHOLE, judge=judged))
+    assert [finding.kind for finding in judged.verdict.findings] == ["unit"]
+    assert "This puts it right: --depth-unit 0.001, or --fix." in caplog.text
+    assert "as in --depth-unit 0.001)" in caplog.text
+    assert_on_the_walls(tmp_path, 5, camera=PINHOLE, depth_unit_m=0.001)
 
 
 @pytest.mark.parametrize("change", [byte_order_mark, commas_and_a_header, backslashes, blank_in_names, float_metres])

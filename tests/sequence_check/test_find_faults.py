@@ -107,6 +107,13 @@ def test_a_fault_is_named_with_its_value(walk, kind):
         assert stated == value if isinstance(value, str | bool) else stated == pytest.approx(value, abs=0.01, rel=0.03)
 
 
+@pytest.mark.parametrize("factor", [1000.0, 100.0, 0.001])
+def test_positions_in_another_unit_are_named(walk, factor):
+    verdict = verdict_of(with_poses(walk, lambda T: scaled(T, factor)))
+    assert [finding.kind for finding in verdict.findings] == ["scale"]
+    assert verdict.correction.pose_scale == pytest.approx(1.0 / factor, rel=0.03)
+
+
 def test_fixing_makes_it_fit_and_says_how(walk, caplog):
     judged = BeforeMapping(fix=True)
     fixed, up = judged(with_poses(walk, np.linalg.inv), "z")
