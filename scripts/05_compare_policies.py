@@ -12,6 +12,8 @@ from pathlib import Path
 
 from anm_mj.bench.comparison import run_bench
 from anm_mj.cli.command_line import run_script
+from anm_mj.errors import BenchError
+from anm_mj.scene.folder import load_scene
 
 
 def main(
@@ -32,6 +34,9 @@ def main(
         workers: runs in parallel.
         out: folder of the comparison.
     """
+    for scene in scenes:
+        # What cannot be explored leaves no folder.
+        load_scene(scene)
     out.mkdir(parents=True, exist_ok=True)
     file = out / "comparison.toml"
     file.write_text(
@@ -41,6 +46,8 @@ def main(
     made = run_bench(file, out, num_workers=workers, on_run=lambda done, total, last: print(f"{done}/{total} {last}"))
     for failure in made.failures:
         print(failure)
+    if len(made.failures) >= len(made.jobs):
+        raise BenchError("All runs failed; there are no tables yet.")
 
     with (out / "results.csv").open(encoding="utf-8", newline="") as table:
         rows = list(csv.DictReader(table))

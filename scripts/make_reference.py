@@ -41,6 +41,7 @@ from anm_mj.types import (
     VoronoiGraph,
 )
 from anm_mj.utils.docstrings import field_texts, parameter_texts
+from anm_mj.utils.markdown import table
 from anm_mj.utils.settings import Settings, limits_of
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -176,9 +177,7 @@ def _settings(title: str, text: str, config: Any, prefix: str) -> str:
 
 
 def _table(rows: Sequence[tuple[str, ...]], head: tuple[str, ...] = HEAD_OF_TYPES) -> str:
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+    return table(head, rows, text_columns=range(len(head))) + "\n"
 
 
 def _rows(config: Any, prefix: str, *, nested: bool = True) -> list[tuple[str, str, str, str]]:

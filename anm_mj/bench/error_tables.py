@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 
 from anm_mj.bench.job import CONDITIONS, each_setting, variant
-from anm_mj.bench.markdown_table import DASH, Rows, ended_by, heading, numbers, split_by, table, with_interval
+from anm_mj.bench.markdown_table import DASH, Rows, ended_by, heading, numbers, split_by, with_interval
 from anm_mj.bench.run_result import split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK, case, paired_difference, scene_means
 from anm_mj.sim.simulation_config import IDEAL
 from anm_mj.types import StopReason
+from anm_mj.utils.markdown import table
 
 ERRORS = ("sensor.", "model.wheel_noise=", "people.")
 """What the settings begin with that make the world harder."""

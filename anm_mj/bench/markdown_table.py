@@ -1,18 +1,17 @@
 """Tables in Markdown from rows of the results table, and that of paired differences between one policy and others."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_interval, holm, paired_difference
+from anm_mj.utils.markdown import table
 
 DASH = "–"
 """For a number that is not there."""
-BAR = r"\|"
-"""A bar within a cell."""
 Rows = Sequence[dict[str, Any]]
 """Rows of :func:`~anm_mj.bench.results_table.tidy_rows`, or such means of them."""
 DIFFERENCES = (
@@ -59,17 +58,6 @@ def ended_by(rows: Rows) -> str:
 def heading(text: str, by: str) -> str:
     """A heading for the budget of this name, which is empty where there is one budget only."""
     return f"## {text}, budget by {by}" if by else f"## {text}"
-
-
-def table(headings: Sequence[str], lines: Iterable[Sequence[str]], *, text_columns: Sequence[int] = (0,)) -> str:
-    """A table whose columns of numbers are aligned to the right. Cells may hold anything but a line break."""
-    alignment = "".join("---|" if k in text_columns else "---:|" for k in range(len(headings)))
-    return "\n".join([_line(headings), f"|{alignment}", *map(_line, lines)])
-
-
-def _line(cells: Sequence[str]) -> str:
-    # A bar in a name would begin another cell.
-    return f"| {' | '.join(cell.replace('|', BAR) for cell in cells)} |"
 
 
 def difference_table(

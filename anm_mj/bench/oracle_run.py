@@ -6,7 +6,7 @@ from pathlib import Path
 
 from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import PLATFORM, Job
-from anm_mj.bench.run_result import reading
+from anm_mj.bench.run_result import reading_run
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
 from anm_mj.evaluation.oracle.tour_annealing import MEASURES
@@ -39,7 +39,7 @@ def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
     """
     folders = []
     for path in sorted(runs.glob(f"[!.]*/{RESULT}")):
-        with reading(path.parent):
+        with reading_run(path.parent):
             other = convert(read_json(path), Job)
         if turn_of(other) < turn_of(job) and all(other.facts[key] == job.facts[key] for key in _SHARED):
             folders.append(str(path.parent))

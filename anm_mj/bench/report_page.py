@@ -11,8 +11,9 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 
 from anm_mj.bench.job import variant
-from anm_mj.bench.markdown_table import Rows, split_by, table
+from anm_mj.bench.markdown_table import Rows, split_by
 from anm_mj.utils.files import write_text
+from anm_mj.utils.markdown import table
 
 PAGE, CARD = "report.html", "data_card.md"
 _STYLE = """

@@ -94,13 +94,13 @@ class Result:
 
     def trajectory_xy_m(self) -> Float[np.ndarray, "n 2"]:
         """Where the robot was, from its start on [m]. Raises BenchError if the log of its steps is damaged."""
-        with reading(self.folder):
+        with reading_run(self.folder):
             steps = [convert(line, _Step) for line in read_jsonl(self.folder / "steps.jsonl")[: self.budget]]
         return np.array([self.job.start_pose[:2], *((step.x_m, step.y_m) for step in steps)])
 
     def decisions_ms(self) -> list[float]:
         """How long each decision took [ms]. Raises BenchError if the log of decisions is damaged."""
-        with reading(self.folder):
+        with reading_run(self.folder):
             decisions = [convert(line, _Decision) for line in read_jsonl(self.folder / "plans.jsonl")]
         return [sum(decision.ms.values()) for decision in decisions if decision.ms]
 
@@ -111,7 +111,7 @@ class Result:
         path = self.folder / BOUND
         if not path.exists():
             return None
-        with reading(self.folder):
+        with reading_run(self.folder):
             table = np.loadtxt(read_text(path).splitlines(), delimiter=",", skiprows=1, ndmin=2)
             if table.shape[1:] != (2,) or not len(table) or not np.isfinite(table).all():
                 raise ValueError(f"{path.name} has no two columns of numbers")
@@ -129,7 +129,7 @@ class Result:
             return replace(self, job=job, budget_by=name)
         curve = self.curve[self.curve[:, 0] <= steps]
         log = EpisodeStatistics()
-        with reading(self.folder):
+        with reading_run(self.folder):
             for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
                 step = convert(line, _Step)
                 log = log.after(Action[step.action], step.collided, step.moved_m, {})
@@ -169,7 +169,7 @@ class _MadeBy(Struct):
 
 
 @contextmanager
-def reading(folder: Path) -> Iterator[None]:
+def reading_run(folder: Path) -> Iterator[None]:
     """Name the run whose files cannot be read. Raises BenchError if the block raised an error of reading."""
     try:
         yield
@@ -201,7 +201,7 @@ def read_results(comparison: Path) -> list[Result]:
 def read_result(folder: Path, of: Job | None = None) -> Result:
     """A finished run of a comparison. Raises BenchError if a file is damaged, or is of another run than ``of``."""
     manifest = folder / "manifest.json"
-    with reading(folder):
+    with reading_run(folder):
         facts, metrics = read_json(folder / RESULT), read_json(folder / "metrics.json")
         job = convert(facts, Job)
         # Tables are written in UTF-8, which has no place for a half of a surrogate pair.

@@ -5,11 +5,12 @@ from typing import Any
 
 from anm_mj.bench.error_tables import PAIRED, POSE_COLUMNS, localisation_table, reality_table
 from anm_mj.bench.job import CONDITIONS, PLATFORM, variant
-from anm_mj.bench.markdown_table import DASH, Rows, difference_table, ended_by, heading, numbers, split_by, table
+from anm_mj.bench.markdown_table import DASH, Rows, difference_table, ended_by, heading, numbers, split_by
 from anm_mj.bench.results_table import BEST
 from anm_mj.bench.run_result import MOST_MISSING, split_settings
 from anm_mj.bench.statistics import LEAST_SCENES, TASK, case
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
+from anm_mj.utils.markdown import table
 
 REACHED = "reached_90"
 MEANS = (

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.cli.command_line import Report
+from anm_mj.utils.markdown import table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -66,8 +67,6 @@ def print_checks(checks: Sequence[Check], console: Console) -> None:
 def report_text(checks: Sequence[Check]) -> str:
     """The checks, and the versions of the packages that the program stands on, as Markdown."""
     import platform
-
-    from anm_mj.bench.markdown_table import table
 
     found = (without_folders(" ".join(f"{check.found} {check.advice}".split())) for check in checks)
     rows = [(check.name, check.state.value, text) for check, text in zip(checks, found, strict=True)]

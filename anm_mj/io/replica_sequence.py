@@ -35,12 +35,11 @@ def read_replica(folder: Path) -> Sequence:
     partner.
     """
     poses = _poses(folder / "traj.txt")
-    if (folder / "depth").is_dir() and (folder / "rgb").is_dir():
-        colour, depth = (files_in_order(folder / name, "*.*") for name in ("rgb", "depth"))
-    else:
-        images = folder / "results" if (folder / "results").is_dir() else folder
-        colour = files_in_order(images, "frame*.jpg") or files_in_order(images, "frame*.png")
-        depth = files_in_order(images, "depth*.*")
+    images = folder / "results" if (folder / "results").is_dir() else folder
+    colour = files_in_order(images, "frame*.jpg") or files_in_order(images, "frame*.png")
+    depth = files_in_order(images, "depth*.*")
+    if not colour and (folder / "depth").is_dir() and (folder / "rgb").is_dir():
+        colour, depth = (files_in_order(folder / name, "*[0-9].*") for name in ("rgb", "depth"))
     beside = [place / "cam_params.json" for place in (folder, folder.parent)]
     stated = next((read_json(path) for path in beside if path.is_file()), None)
     if stated is None:

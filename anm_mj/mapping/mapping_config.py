@@ -68,15 +68,15 @@ class SamplingConfig(Settings, group="mapping.sampling", error=MapError):
     near_samples: int = setting(4, at_most=1024)
     """Samples per ray within the truncation distance of the measured depth."""
     far_m: float = 5.0
-    """Planar depth up to which rays without a surface are sampled, and all rays of the uniform scheme, where depth is
-    known that far, up to ``max_depth_m`` [m]."""
+    """Planar depth up to which rays without a surface are sampled, and all rays of the uniform scheme; no farther than
+    ``max_depth_m`` [m]."""
     max_depth_m: float = setting(10.0, at_most=13.1)
     """Depth beyond this counts as none [m]; stored pixels reach no farther than 13.1 m
     (:data:`anm_mj.mapping.keyframes.DEPTH_UNIT_M`)."""
 
     @property
     def reach_m(self) -> float:
-        """See ``far_m``: beyond ``max_depth_m``, a ray without depth may have met a surface [m]."""
+        """Up to where rays are sampled: beyond ``max_depth_m``, a ray without depth may have met a surface [m]."""
         return min(self.far_m, self.max_depth_m)
 
     @property

@@ -22,8 +22,8 @@ def kept_images(run: Run) -> bool:
 
 
 def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"] | None]:
-    """The colour image of each frame, in order; None for all where there is none to be had, which is logged, as where
-    one that is rendered again lacks what moved. ``scene`` is the present name or folder of its scene, if it has moved.
+    """The colour image of each frame, in order; None for all where there is none to be had. This is logged, and so is
+    that images rendered again lack what moved. ``scene`` is the present name or folder of its scene, if it has moved.
     Raises RunFolderError if a kept image is damaged.
     """
     if kept_images(run):

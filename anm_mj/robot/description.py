@@ -135,7 +135,7 @@ def describe_robot(
     spec = given or _read(path)
     name_all(spec.bodies, "body")
     name_all(spec.joints, "joint")
-    # Beside a camera with a name, those without are none to see by.
+    # Where a camera has a name, those without one are not the robot's eyes.
     if not any(camera.name for camera in spec.cameras if camera.parent.name != "world"):
         name_all(spec.cameras, "camera")
     # A URDF's base, fused with the world, would be gone.

@@ -24,6 +24,9 @@ def keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
             body.mass, body.inertia, body.fullinertia = (
                 scale * value for value in (body.mass, body.inertia, body.fullinertia)
             )
+        # Bounds come before the total.
+        spec.compiler.boundmass *= scale
+        spec.compiler.boundinertia *= scale
     first, last = spec.compiler.inertiagrouprange
     for geom in [geom for geom in spec.geoms if not first <= geom.group <= last]:
         geom.mass = 0.0

@@ -39,9 +39,9 @@ CANCEL = ServiceKind(
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """Of ``action_msgs/GoalStatus``."""
 _PATIENCE_S = 0.25
-_QUARTER_RAD, _AHEAD_M = math.pi / 2, 0.5
+_QUARTER_RAD, _AHEAD_M = math.pi / 2, 1.0
 """A turn on the spot, or a forward move without a target, is a goal so far ahead; navigations take less than a step for
-arrived."""
+arrived, and a robot that has yet to start must not be near it."""
 _RESTS_S = 1.0
 """Where nobody says that a goal is reached: a robot near it that has not moved for so long is there [s]."""
 _NEAR_M = 0.5

@@ -67,11 +67,12 @@ def make_robot(
         forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
             other camera can render the model then.
         **options: fields of :class:`SimulationConfig` that take the place of those of ``config``, as in
-            ``drive="physics"``; another ``robot`` comes with its own ``model``. A ``reality`` goes with no ``config``.
+            ``drive="physics"``; another ``robot`` comes with its own ``model``. A ``reality`` other than
+            that of ``config`` is refused.
 
     Raises:
         ConfigError: if there is no such drive or pose source, a number is out of range, an option of another kind, or
-            a reality is asked for beside a configuration.
+            ``reality`` is another than that of ``config``.
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
         RobotError: if there is no such robot, the robot lacks a part, or the sensor's range exceeds the camera's far
             plane.

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from markdown_it import MarkdownIt
 
-from anm_mj.bench.markdown_table import table, with_interval
+from anm_mj.bench.markdown_table import with_interval
 from anm_mj.bench.statistics import LEAST_SCENES
+from anm_mj.utils.markdown import table
 
 
 @pytest.mark.parametrize(

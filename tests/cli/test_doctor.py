@@ -1,6 +1,8 @@
 """What the doctor prints, and its exit status."""
 
 import io
+import subprocess
+import sys
 from importlib import metadata
 
 import pytest
@@ -15,6 +17,17 @@ def _printed(checks: list[Check]) -> str:
     file = io.StringIO()
     print_checks(checks, Console(file=file, width=200))
     return file.getvalue()
+
+
+def test_the_report_needs_no_library_that_may_be_broken():
+    program = (
+        "import sys; sys.modules |= dict.fromkeys(('scipy', 'torch', 'mujoco', 'matplotlib'))\n"
+        "from anm_mj.cli.doctor import report_text\n"
+        "from anm_mj.cli.machine_checks import Check, State\n"
+        "print(report_text([Check('scipy', State.BAD, 'cannot be | imported')]))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "| scipy | wrong | cannot be \\| imported |" in done.stdout, done.stderr
 
 
 def test_this_machine_is_healthy(capsys: pytest.CaptureFixture[str]):

@@ -96,7 +96,12 @@ def test_sensors_of_replaced_motors_go_with_them(tmp_path):
 
 @pytest.mark.parametrize(
     ("compiler", "mass_kg"),
-    [('settotalmass="20"', 20.0), ('inertiagrouprange="0 0"', 5.0 + 0.6 + 0.113), ('inertiagrouprange="1 5"', 3.6)],
+    [
+        ('settotalmass="20"', 20.0),
+        ('settotalmass="20" boundmass="1"', 20.0),
+        ('inertiagrouprange="0 0"', 5.0 + 0.6 + 0.113),
+        ('inertiagrouprange="1 5"', 3.6),
+    ],
 )
 def test_masses_are_those_of_the_file(tmp_path, compiler, mass_kg):
     changes = [("<worldbody>", f"<compiler {compiler}/><worldbody>")]

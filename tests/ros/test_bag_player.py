@@ -102,5 +102,5 @@ def test_a_duration_that_is_none_is_one_sentence(bag, capsys, duration):
 def test_playing_ends_also_where_the_recording_pauses(bag: Path, node: Node):
     begin = time.monotonic()
     # Half a second was recorded, which takes 50 s.
-    assert play(bag, node, rate=0.01, until=lambda: time.monotonic() - begin > 1.5) == 4
-    assert time.monotonic() - begin < 5.0
+    assert play(bag, node, rate=0.01, until=lambda: time.monotonic() - begin > 4.0) == 4
+    assert time.monotonic() - begin < 20.0

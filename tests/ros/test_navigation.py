@@ -13,6 +13,7 @@ import pytest
 from anm_mj.errors import RobotError
 from anm_mj.io.ros_messages import RosMessages
 from anm_mj.loop_state import LoopState
+from anm_mj.ros import live_robot
 from anm_mj.ros.commander import Commander
 from anm_mj.ros.drive_config import DriveConfig
 from anm_mj.ros.health import Health
@@ -91,7 +92,7 @@ def test_a_forward_move_without_a_target_is_a_goal_ahead():
     looks = itertools.count()
     driver.act(Action.MOVE_FORWARD, lambda: next(looks) == 1)
     (goal, _), _ = navigation.send.call_args
-    assert (goal.x_m, goal.y_m, goal.yaw_rad) == pytest.approx((1.0, 2.5, math.pi / 2))
+    assert (goal.x_m, goal.y_m, goal.yaw_rad) == pytest.approx((1.0, 3.0, math.pi / 2))
 
 
 def test_a_robot_that_waits_does_not_drive_on_to_its_goal():
@@ -104,7 +105,8 @@ def test_a_robot_that_waits_does_not_drive_on_to_its_goal():
     navigation.send.assert_called_once()
 
 
-def test_an_image_has_the_pose_of_its_moment_while_the_robot_drives_on():
+def test_an_image_has_the_pose_of_its_moment_while_the_robot_drives_on(monkeypatch):
+    monkeypatch.setattr(live_robot, "_PATIENCE_S", 10.0)
     make, health = RosMessages(), Health(0.2)
     poses, intake = Poses(health, ""), RgbdIntake(health, 0.001, 0.03)
     poses.source = "the odometry on /odom"

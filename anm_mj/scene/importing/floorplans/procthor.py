@@ -73,7 +73,7 @@ def read_procthor(plan: Any) -> Building:
 
 
 def _floor(outline: shapely.Polygon, empty: shapely.MultiLineString) -> shapely.Polygon:
-    """The floor between the walls about a room; where these are ``empty``, it reaches up to its outline [m]. Raises
+    """The floor between the walls about a room; where these are ``empty``, it reaches up to the outline. Raises
     ValueError if that is no floor.
     """
     floor = outline.buffer(-WALL_M / 2, join_style="mitre")

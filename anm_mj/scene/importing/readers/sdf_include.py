@@ -167,7 +167,9 @@ def _parse(file: Path) -> ET.Element:
 
 
 def _with_axes(root: ET.Element) -> ET.Element:
-    """The SDF of a file whose joints say that their axes are those of the model, which up to version 1.4 they are."""
+    """The SDF of a file, with what holds up to version 1.4 said in each joint: that its axis is one of the model's
+    frame.
+    """
     if re.fullmatch(r"(?:0|1\.[0-4])(?:\..*)?", root.get("version", "")):
         for axis in root.iter("axis"):
             if axis.find("use_parent_model_frame") is None:

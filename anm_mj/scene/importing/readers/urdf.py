@@ -32,8 +32,10 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
     except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
-    # A colour may be given once for all links, or where a link first names it.
-    colours = {own.get("name", ""): own for own in robot.iter("material") if own.find("color") is not None}
+    # A colour may be given once for all links, or where a link first names it; many exporters leave the name empty.
+    colours = {
+        name: own for own in robot.iter("material") if (name := own.get("name")) and own.find("color") is not None
+    }
     submeshes, places, budget = [], places_of(path, folders), TriangleBudget(path)
     for link in robot.findall("link"):
         T_root_link, name, seen = np.eye(4), link.get("name", ""), set()
