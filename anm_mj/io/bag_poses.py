@@ -37,7 +37,8 @@ class Track:
     poses: list[Float[np.ndarray, "7"]] = field(default_factory=list)
     """Position [m] and quaternion, scalar last."""
     static: bool = False
-    """Whether the first pose counts at all times."""
+    """Whether the pose that was added last counts at all times, as a static frame of ROS takes the place of the one
+    before."""
     gap_s: float = GAP_S
     """Between poses farther apart, and so long before the first and after the last, nothing is known [s]."""
     _order: np.ndarray | None = field(default=None, init=False)
@@ -57,8 +58,8 @@ class Track:
         if not len(order):
             return None
         if self.static:
-            first = self.poses[int(order.min())]
-            return tum_matrix(first[:3], first[3:])
+            last = self.poses[int(order.max())]
+            return tum_matrix(last[:3], last[3:])
         time_s = float(np.clip(time_s, times[0], times[-1])) if self.gap_s == math.inf else time_s
         after = int(np.searchsorted(times, time_s))
         high = min(after, len(times) - 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from anm_mj.io.bag_poses import Track
+from anm_mj.io.bag_poses import FrameTree, Track
 
 
 def test_poses_in_between():
@@ -20,3 +20,13 @@ def test_poses_in_between():
     assert track.at(1.8) is None
     track.add(9.0, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
     assert track.at(5.0) is None
+
+
+def test_a_static_frame_that_is_stated_anew_takes_the_place_of_the_one_before():
+    tree = FrameTree()
+    for height_m in (0.2, 1.4):
+        tree.add("base", "camera", 0.0, np.array([0.0, 0.0, height_m, 0.0, 0.0, 0.0, 1.0]), static=True)
+    (link,) = tree.links("camera")
+    T_base_camera = link.at(7.0)
+    assert T_base_camera is not None
+    assert T_base_camera[2, 3] == 1.4
