@@ -3,6 +3,8 @@ python := .venv/bin/python
 # make test PYTHON=3.13 sets up and tests with that Python.
 PYTHON ?=
 export ANM_MJ_PYTHON := $(if $(PYTHON),python$(PYTHON),$(ANM_MJ_PYTHON))
+# Files of a user's own in the checkout are none of the project's.
+checked := anm_mj docs scripts tests typings
 JOBS ?= 2
 SCENE ?= home
 STEPS ?= 500
@@ -16,6 +18,7 @@ help: ## List the targets.
 
 demo: setup ## Explore a furnished house and show the result (SCENE=home STEPS=500 SEED=0).
 	@.venv/bin/anm-mj explore $(SCENE) --steps $(STEPS) --seed $(SEED)
+	@command -v anm-mj > /dev/null || echo "For anm-mj in this shell: source .venv/bin/activate"
 
 test: lint ## Check style, types (beside the tests), run the tests (JOBS=2); minutes.
 	@$(python) -m pyright & types=$$!; \
@@ -46,15 +49,15 @@ docs: setup ## Build the site of the documentation in build/site.
 	@echo "open build/site/index.html"
 
 lint: setup ## Check style and format.
-	@$(python) -m ruff check --quiet
-	@$(python) -m ruff format --check --quiet
+	@$(python) -m ruff check --quiet $(checked)
+	@$(python) -m ruff format --check --quiet $(checked)
 
 types: setup ## Check types.
 	@$(python) -m pyright
 
 format: setup ## Put the code into the project's format.
-	@$(python) -m ruff check --fix --quiet
-	@$(python) -m ruff format --quiet
+	@$(python) -m ruff check --fix --quiet $(checked)
+	@$(python) -m ruff format --quiet $(checked)
 
 lock: setup ## Pin the newest versions that pyproject.toml allows.
 	@$(python) -m uv pip compile pyproject.toml --upgrade --all-extras --universal --python-version 3.11 \

@@ -94,9 +94,14 @@ def saying_how_to_go_on(folder: RunFolder, config: RunConfig) -> Iterator[None]:
     except RunFolderError as err:
         if not any(folder.checkpoints.glob("*.checkpoint")):
             raise
-        named = [] if config.policy in policies() else ["--policy", config.policy]
-        command = shlex.join(["anm-mj", config.COMMAND, "--resume", str(folder.path), *named])
+        command = resume_command(folder.path, config.policy, config.COMMAND)
         raise RunFolderError(f"{err} Then go on with: {command}") from err
+
+
+def resume_command(folder: Path, policy: str, command: str) -> str:
+    """The command line that goes on with an interrupted run of ``anm-mj`` ``command``."""
+    named = [] if policy in policies() else ["--policy", policy]
+    return shlex.join(["anm-mj", command, "--resume", str(folder), *named])
 
 
 class _StateKeeper:

@@ -1,4 +1,4 @@
-"""Explores with a simulated robot and records its images as a sequence (format: anm_mj/io/sequence.py).
+"""Explores with a simulated robot and records its images as a sequence (its format: docs/robot.md).
 
 python scripts/record_sequence.py home /tmp/walk --steps 200
 anm-mj map /tmp/walk --shadow

@@ -94,6 +94,7 @@ def run_bench(
     jobs = read_jobs(file, policies)
     # The folders of this machine are private.
     text = shlex.join(Path(word).name if Path(word).is_absolute() else word for word in command)
+    text = text or f'run_bench(Path("{file.name}"))'
     with _only_writer(out):
         there = finished(jobs, out / "runs")
         if one_revision:

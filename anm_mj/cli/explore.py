@@ -140,6 +140,8 @@ def show_run(
     from anm_mj.cli.console import PlainConsole, log_to
     from anm_mj.cli.progress import Interrupt, ProgressLine, live_view
     from anm_mj.cli.run_summary import report_metrics
+    from anm_mj.io.read_run import read_json
+    from anm_mj.run import resume_command
     from anm_mj.types import StopReason
 
     console = PlainConsole()
@@ -153,4 +155,8 @@ def show_run(
         waits = {"is_over": lambda: interrupt.is_requested} if live else {}
         folder, metrics = start(observers=[interrupt, line, *views], **waits)
     failed = metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR, StopReason.SENSOR_FAULT)
-    return report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)
+    report = report_metrics(console, metrics, folder.path, RUN_FAILED if failed else 0)
+    if metrics.stop_reason == StopReason.INTERRUPTED and any(folder.checkpoints.glob("*.checkpoint")):
+        policy = read_json(folder.config)["policy"]
+        console.say(f"Resume: {resume_command(folder.path, policy, 'drive' if live else 'explore')}")
+    return report

@@ -169,10 +169,12 @@ class NeuralMap:
 
         Where nothing was observed the value means nothing; ask :meth:`occupancy_grid`.
         """
+        _check_points(points_m)
         return self.field.sdf(points_m)
 
     def rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Colours in [0, 1] at world points [m]."""
+        _check_points(points_m)
         return self.backend.query_rgb(points_m)
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
@@ -180,6 +182,7 @@ class NeuralMap:
 
         A variance whose scale depends on the method; the same map always gives the same answer.
         """
+        _check_points(points_m)
         return uncertainty_at(self.backend, self.occupancy.by_depth, points_m, self.config, self.field.seed)
 
     def surface(
@@ -292,3 +295,10 @@ def _require_images(observation: Observation) -> None:
                 f"{name} of observation {observation.step} is {image.dtype} of shape {image.shape}; for these "
                 f"intrinsics give {np.dtype(kind)} of shape {shape}."
             )
+
+
+def _check_points(points_m: np.ndarray) -> None:
+    """Raises MapError for anything but an array of points."""
+    shape = np.shape(points_m)
+    if len(shape) != 2 or shape[1] != 3:
+        raise MapError(f"Points are an array of shape (n, 3) [m], this has {shape}; reshape it by .reshape(-1, 3).")

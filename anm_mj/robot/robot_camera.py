@@ -250,9 +250,9 @@ def _no_camera(robot: CompiledRobot, cameras: list[int], T_world_base: Float[np.
     model = robot.model
     if not cameras:
         others = [model.camera(c).name for c in range(model.ncam) if model.cam_bodyid[c] and _off_duty(model, c)]
-        which = f"{', '.join(others)}, which follow something or are orthographic" if others else "none"
+        which = f"; its cameras are {', '.join(others)}, which follow something or are orthographic" if others else ""
         return (
-            f"The robot {robot.path} has no {what}; its cameras are {which}: mount one by --set "
+            f"The robot {robot.path} has no {what if others else 'camera'}{which}: mount one by --set "
             "model.camera_pose=x,y,z,pitch,fovy, as in 0.05,0,0.3,10,60 (m, m, m, deg down, deg)."
         )
     fits = {c: "" if _fits(robot.data, c, T_world_base) else " (does not look forward)" for c in cameras}

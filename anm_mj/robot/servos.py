@@ -68,7 +68,8 @@ def fit_servos(
             damping = float(model.dof_damping[model.joint(wheel).dofadr[0]])
             joint.damping = [min(damping, _DAMPING_PER_KV * kv), 0.0, 0.0]
         names.append(servo.name)
-    notes = [f"motors replaced by velocity servos: {', '.join(replaced)}"] if replaced else []
+    what = f"actuators of the wheels replaced by velocity servos with kv = {kv:.3g}"
+    notes = [f"{what}: {', '.join(replaced)}"] if replaced else []
     return tuple(names), top_radps, notes
 
 

@@ -243,7 +243,9 @@ def test_quiet_prints_neither_results_nor_progress(capsys, tmp_path):
 def test_a_table_is_not_broken_where_no_terminal_is(capsys):
     assert main(["scene", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert all("MIT" in line for line in lines[1:])
+    # Scenes of a user's own may stand between them.
+    whole = {line.split()[0] for line in lines[1:] if "MIT" in line}
+    assert whole >= {"flat", "home", "office", "residence", "room"}
 
 
 def test_the_version_is_printed(capsys):

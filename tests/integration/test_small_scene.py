@@ -145,6 +145,7 @@ def test_one_interrupt_ends_a_run_well(scene, tmp_path):
     said, _ = process.communicate(timeout=120)
     assert process.returncode == 0
     assert "INTERRUPTED" in said
+    assert f"Resume: anm-mj explore --resume {tmp_path / 'run'}\n" in said
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["stop_reason"] == "INTERRUPTED"
     for name in FILES:
         assert (tmp_path / "run" / name).exists(), name

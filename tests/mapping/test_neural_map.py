@@ -1,3 +1,4 @@
+import inspect
 import math
 from dataclasses import replace
 
@@ -417,3 +418,12 @@ def test_images_of_another_type_or_size_are_refused(name, image, said):
     object.__setattr__(observation, name, image)
     with pytest.raises(MapError, match=said):
         NeuralMap(MAPPING_PRESETS["quick"](), seed=0, device="cpu").integrate(observation)
+
+
+@pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 2, 3)])
+def test_what_is_no_array_of_points_is_refused(tiny_config, shape):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    for ask in (NeuralMap.sdf, NeuralMap.rgb, NeuralMap.uncertainty):
+        # Without the tests' own check of types.
+        with pytest.raises(MapError, match=r"Points are an array of shape \(n, 3\)"):
+            inspect.unwrap(ask)(neural_map, np.zeros(shape))
