@@ -246,7 +246,7 @@ def test_a_robot_without_traction(tmp_path):
         ("bimanual", [], {"camera": "cam_low"}, 'no camera "cam_low"; its cameras are cam_high, cam_left_wrist'),
         ("rover", [], {"camera_pose": "0,0,0.09,0,60"}, "inside the robot's body"),
         ("rover", [('<camera name="eye"', '<site name="eye"'), (' fovy="60"/>', "/>")], {},
-         "cameras are none: mount one by --set model.camera_pose"),
+         "has no camera: mount one by --set model.camera_pose"),
         ("rover", [('pos="0 0.11 -0.075"', 'pos="0 0.11 -0.125"')], {}, "cm below the wheels"),
         ("rover", [("left_wheel_joint", "l"), ('name="right_wheel_joint" axis', 'name="r" range="-9 9" axis'),
                    ("right_wheel_joint", "r")], {}, r"one driven wheel \(l\)"),
