@@ -46,7 +46,7 @@ def main(
     made = run_bench(file, out, num_workers=workers, on_run=lambda done, total, last: print(f"{done}/{total} {last}"))
     for failure in made.failures:
         print(failure)
-    if len(made.failures) >= len(made.jobs):
+    if not made.has_tables:
         raise BenchError("All runs failed; there are no tables yet.")
 
     with (out / "results.csv").open(encoding="utf-8", newline="") as table:

@@ -50,6 +50,11 @@ class Comparison:
     failures: list[str]
     """One sentence for each failed run; the next call tries them again."""
 
+    @property
+    def has_tables(self) -> bool:
+        """Whether any run has ended: without one there are no tables."""
+        return len(self.failures) < len(self.jobs)
+
 
 def run_bench(
     file: Path,

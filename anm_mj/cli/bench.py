@@ -73,7 +73,7 @@ def bench(
     left = f", {len(made.failures)} failed; the same command tries them again" if made.failures else ""
     files = {"report": out / "report.html", "table": out / "table.md", "results": out / "results.csv"}
     where = f"Report: {files['report']}; tables: {files['table']}, {files['results']}"
-    if len(made.failures) >= len(made.jobs):
+    if not made.has_tables:
         files, where = dict.fromkeys(files), "There are no tables yet."
     console.say(f"{len(made.jobs)} runs, {made.skipped} of them from before{left}. {where}")
     facts = {"runs": len(made.jobs), "from_before": made.skipped, "failures": made.failures, **files}

@@ -13,7 +13,7 @@ from anm_mj.io.image import first_shape
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number, Pixels
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres, require_count
-from anm_mj.io.sequence_text import files_in_order, in_number_order, number_rows, rows
+from anm_mj.io.sequence_text import files_in_order, number_rows, numbers_in, paired_by_number, rows
 from anm_mj.utils.read_file import convert
 
 _UNIT_M = 0.001
@@ -112,21 +112,16 @@ def _paired(colours: list[Path], depths: list[Path], poses: int) -> list[tuple[i
     names where an image is missing, else by their rank.
     """
     coloured, measured = _numbered(colours), _numbered(depths)
-    common = sorted(coloured.keys() & measured.keys())
-    numbers = sorted(coloured.keys() | measured.keys())
     is_whole = len(coloured) == len(measured) and not any(map(_has_gap, (coloured, measured)))
     # Times of images tell nothing of their partners.
-    if is_whole or 2 * len(common) <= len(numbers):
+    if is_whole or 2 * len(coloured.keys() & measured.keys()) <= len(coloured.keys() | measured.keys()):
         return [(rank, *images) for rank, images in enumerate(zip(colours, depths, strict=False))]
-    has_all = numbers[-1] - numbers[0] + 1 == poses
-    line = {number: number - numbers[0] if has_all else rank for rank, number in enumerate(numbers)}
-    return [(line[number], coloured[number], measured[number]) for number in common]
+    return paired_by_number(coloured, measured, poses)
 
 
 def _numbered(files: list[Path]) -> dict[int, Path]:
     """Files by the first number in their names; none where it does not tell them apart."""
-    found = [[part for part in in_number_order(path.stem) if isinstance(part, int)] for path in files]
-    numbered = {numbers[0]: path for numbers, path in zip(found, files, strict=True) if numbers}
+    numbered = {numbers[0]: path for path in files if (numbers := numbers_in(path))}
     return numbered if len(numbered) == len(files) else {}
 
 

@@ -11,7 +11,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, from_pixel_centres
-from anm_mj.io.sequence_text import files_in_order, in_number_order, number_rows
+from anm_mj.io.sequence_text import files_in_order, number_rows, numbers_in, paired_by_number
 from anm_mj.utils.read_file import convert
 
 
@@ -47,26 +47,20 @@ def read_replica(folder: Path) -> Sequence:
     facts = convert(stated, _ReplicaParameters).camera
     camera = from_pixel_centres(facts.w, facts.h, (facts.fx, facts.fy, facts.cx, facts.cy))
     coloured, measured = ({_number(path): path for path in files} for files in (colour, depth))
-    numbers = sorted(coloured.keys() | measured.keys())
-    # Where numbers are missing, the count of poses says whether they have one.
-    by_number = bool(numbers) and numbers[-1] - numbers[0] + 1 == len(poses)
-    frames, paired = [], 0
-    for rank, number in enumerate(numbers):
-        line = number - numbers[0] if by_number else rank
-        if number in coloured and number in measured:
-            paired += 1
-            if line < len(poses):
-                frames.append(Frame(line * FRAME_S, coloured[number], measured[number], poses[line]))
-    left_out = (
-        LeftOut(len(numbers) - paired, len(numbers), "they have a colour or a depth image without its partner"),
-        LeftOut(paired - len(frames), paired, "traj.txt has no pose for them"),
+    pairs, count = paired_by_number(coloured, measured, len(poses)), len(coloured.keys() | measured.keys())
+    frames = tuple(
+        Frame(line * FRAME_S, rgb, depth_image, poses[line]) for line, rgb, depth_image in pairs if line < len(poses)
     )
-    return Sequence(folder, camera, 1.0 / facts.scale, tuple(frames), resize=True, left_out=left_out)
+    left_out = (
+        LeftOut(count - len(pairs), count, "they have a colour or a depth image without its partner"),
+        LeftOut(len(pairs) - len(frames), len(pairs), "traj.txt has no pose for them"),
+    )
+    return Sequence(folder, camera, 1.0 / facts.scale, frames, resize=True, left_out=left_out)
 
 
 def _number(path: Path) -> int:
     """The last number in a name; raises ValueError if there is none."""
-    found = [part for part in in_number_order(path.stem) if isinstance(part, int)]
+    found = numbers_in(path)
     if not found:
         raise ValueError(f"{path.name} has no number")
     return found[-1]

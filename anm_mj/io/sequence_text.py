@@ -5,7 +5,7 @@ import logging
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 
@@ -95,6 +95,26 @@ def files_in_order(folder: Path, pattern: str) -> list[Path]:
     names = fnmatch.filter(os.listdir(folder), pattern)
     files = (folder / name for name in sorted(names) if not name.startswith("."))
     return sorted(files, key=lambda path: in_number_order(path.stem))
+
+
+def numbers_in(path: Path) -> list[int]:
+    """The whole numbers in the name of a file, in their order."""
+    return [part for part in in_number_order(path.stem) if isinstance(part, int)]
+
+
+def paired_by_number(
+    colours: Mapping[int, Path], depths: Mapping[int, Path], num_poses: int
+) -> list[tuple[int, Path, Path]]:
+    """Which of so many poses, and the images, of each number that a colour and a depth image have. Where numbers are
+    missing, the count of poses says whether they have one.
+    """
+    numbers = sorted(colours.keys() | depths.keys())
+    has_all = bool(numbers) and numbers[-1] - numbers[0] + 1 == num_poses
+    return [
+        (number - numbers[0] if has_all else rank, colours[number], depths[number])
+        for rank, number in enumerate(numbers)
+        if number in colours and number in depths
+    ]
 
 
 def with_slashes(name: str) -> str:

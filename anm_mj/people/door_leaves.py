@@ -81,8 +81,11 @@ class DoorLeaves:
         self._turned_rad[:] = self._side[:] = 0.0
         for one, sides in enumerate(self._sides):
             if self._gaps_m(one, body[None])[0] < 0.0:
-                self._turned_rad[one] = _OPEN_RAD
-                self._side[one] = max(sides, key=lambda side, one=one: self._gap_if_turned_m(one, side, body))
+                self._turned_rad[one], gaps_m = _OPEN_RAD, {}
+                for side in sides:
+                    self._side[one] = side
+                    gaps_m[side] = float(self._gaps_m(one, body[None])[0])
+                self._side[one] = max(sides, key=gaps_m.__getitem__)
 
     def move(self, ways_m: list[Float[np.ndarray, "k 2"]], bodies: Float[np.ndarray, "b 3"], period_s: float) -> None:
         """Turn leaves that people walk towards, or that are turning, by one period [s], but into nobody.
@@ -125,11 +128,6 @@ class DoorLeaves:
                 away = -1.0 if along[0] * dy - along[1] * dx > 0.0 else 1.0
                 return away if away in self._sides[one] else -away
         return 0.0
-
-    def _gap_if_turned_m(self, one: int, side: float, body: Float[np.ndarray, "3"]) -> float:
-        """Between a body, by x, y and radius, and a leaf, which this turns to a side [m]."""
-        self._side[one] = side
-        return float(self._gaps_m(one, body[None])[0])
 
     def _gaps_m(self, one: int, bodies: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " b"]:
         """Between bodies, by x, y and radius, and a leaf [m]."""

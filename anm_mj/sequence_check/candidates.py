@@ -6,13 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.sequence_check.correction import (
-    CONVENTIONS,
-    LARGEST_FACTOR,
-    LEAST_FACTOR,
-    Correction,
-    all_axes,
-)
+from anm_mj.sequence_check.correction import CONVENTIONS, LARGEST_FACTOR, LEAST_FACTOR, Correction, all_axes
 from anm_mj.sequence_check.correction_trial import CorrectionTrial
 
 SCALES = tuple(np.exp(np.arange(-18, 19) * 0.17)) + tuple(

@@ -44,15 +44,7 @@ STARTED_S = 1777627800.0
 @pytest.fixture(scope="module")
 def out(run_folder, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export")
-    words = [
-        "export",
-        str(run_folder),
-        "--format",
-        "all",
-        "--out",
-        str(folder),
-    ]
-    assert main(words) == 0
+    assert main(["export", str(run_folder), "--format", "all", "--out", str(folder)]) == 0
     return folder
 
 
