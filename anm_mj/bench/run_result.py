@@ -273,14 +273,17 @@ def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], 
         runs.setdefault(result.variant, []).append(result)
     starts = {name: {(run.job.scene_name, run.job.start) for run in own} for name, own in runs.items()}
     count = len(set().union(*starts.values()))
-    most_missing = max(1.0, MOST_MISSING * count)
-    drawn = [name for name in runs if count - len(starts[name]) <= most_missing]
+    # Where those that lack a start or two have none in common, those count that lack none.
+    for most_missing in (max(1.0, MOST_MISSING * count), 0.0):
+        drawn = [name for name in runs if count - len(starts[name]) <= most_missing]
+        common = set.intersection(*(starts[name] for name in drawn)) if drawn else set()
+        if common:
+            kept = {
+                name: [run for run in runs[name] if (run.job.scene_name, run.job.start) in common] for name in drawn
+            }
+            return kept, len(runs) - len(drawn)
     # Where none ran everywhere, all are drawn.
-    if not drawn:
-        return runs, 0
-    common = set.intersection(*(starts[name] for name in drawn))
-    kept = {name: [run for run in runs[name] if (run.job.scene_name, run.job.start) in common] for name in drawn}
-    return kept, len(runs) - len(drawn)
+    return runs, 0
 
 
 def compared(variants: Mapping[str, Sequence[Result]]) -> tuple[str, ...]:

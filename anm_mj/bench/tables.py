@@ -137,8 +137,10 @@ def _groups(rows: Rows) -> list[tuple[set[tuple[Any, ...]], list[str]]]:
     groups = []
     while left:
         most = cases[left[0]]
-        missing = max(MOST_MISSING * len(most), float(len(most) >= FEW_RUNS))
-        common = most.intersection(*(cases[name] for name in left if len(most - cases[name]) <= missing))
+        common: set[tuple[Any, ...]] = set()
+        # Variants that each lack another run may have none in common: then those count that lack none.
+        for missing in (max(MOST_MISSING * len(most), float(len(most) >= FEW_RUNS)), 0.0):
+            common = common or most.intersection(*(cases[name] for name in left if len(most - cases[name]) <= missing))
         names = [name for name, own in cases.items() if own >= common]
         left = [name for name in left if name not in names]
         # A row alone compares with nothing.

@@ -39,6 +39,16 @@ def test_variants_are_drawn_over_the_starts_that_all_of_them_have():
     assert where == {"gvg": "abcdefghijk", "anm": "abcdefghijk"}
 
 
+def test_variants_that_have_no_start_in_common_are_drawn(tmp_path):
+    apart = [*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})]
+    with_both = [*apart, *runs_in("a", {"random": RISE}), *runs_in("b", {"random": RISE})]
+    assert {name: len(own) for name, own in drawn_variants(apart)[0].items()} == {"gvg": 1, "anm": 1}
+    drawn, count = drawn_variants(with_both)
+    assert ({name: len(own) for name, own in drawn.items()}, count) == ({"random": 2}, 2)
+    for runs in (apart, with_both):
+        assert all(path.is_file() for path in draw_overview(tmp_path / "overview.png", runs))
+
+
 def test_the_median_run_is_one_of_the_runs():
     runs = [result("gvg", np.array(RISE) * scale, start=k) for k, scale in enumerate((0.5, 1.0, 0.7, 0.9))]
     assert median_run(runs).job.start == 2
