@@ -36,8 +36,10 @@ class GridRoutes:
         self.topdown = topdown
         self.pose = pose
         self.safe_m = safe_m
-        start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
         clearance = topdown.clearance_m
+        # A map of what a camera ahead has seen need not hold the base: its nearest cell stands for that then.
+        start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
+        start = start.clip(0, np.array(clearance.shape) - 1)
         rows, cols = np.ogrid[: clearance.shape[0], : clearance.shape[1]]
         near = np.hypot(rows - start[0], cols - start[1]) * topdown.resolution_m < NEAR_ROBOT_M
         least_m = safe_m - slack_m

@@ -233,26 +233,38 @@ class TopDownMapper:
         self._borders.update(old.state, old.field_m, slice(0, 0))
 
     def _stamp(self, grid: OccupancyGrid) -> list[Window]:
-        """Draw new places of the trajectory and new obstacles into their layers, and return where those are."""
+        """Draw new places of the trajectory and new obstacles into their layers, and return where those are.
+
+        Places that the grid does not hold yet wait until it does.
+        """
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
         is_first = len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m)
+        around = max(body, COLLISION_CELLS * cell)
+        stamped, later = list(self._new_collisions_xy_m), []
         for number, xy in enumerate(self._new_trajectory_xy_m):
-            is_start = any(xy is start for start in self._starts_xy_m)
-            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if is_start else body)
             # Where a prior run stood, something may stand now.
-            if not is_first or number >= self._num_prior:
+            is_own = not is_first or number >= self._num_prior
+            row, col = world_to_cell(xy[None], grid.origin_m[:2], cell)[0]
+            if is_own and not (0 <= row < layers.state.shape[0] and 0 <= col < layers.state.shape[1]):
+                # A camera ahead of the base has seen nothing about the base yet.
+                later.append(xy)
+                continue
+            is_start = any(xy is start for start in self._starts_xy_m)
+            radius_m = max(body, self._start_radius_m) if is_start else body
+            _stamp_disc(layers.near_trajectory, grid, xy, radius_m)
+            if is_own:
                 _stamp_disc(layers.under_robot, grid, xy, body - cell)
+            stamped.append(xy)
+            around = max(around, radius_m)
         for xy in self._new_collisions_xy_m:
             _stamp_disc(layers.collision, grid, xy, self._collision_cells * cell)
-        stamped = np.array([*self._new_trajectory_xy_m, *self._new_collisions_xy_m])
-        if not len(stamped):
+        self._new_trajectory_xy_m, self._new_collisions_xy_m = later, []
+        if not stamped:
             return []
-        start = self._start_radius_m if is_first else 0.0
-        around = max(body, COLLISION_CELLS * cell, start) + cell
-        low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
-        high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]
-        self._new_trajectory_xy_m, self._new_collisions_xy_m = [], []
-        return [clamp(low, high, layers.state.shape)]
+        low, high = np.min(stamped, axis=0) - around - cell, np.max(stamped, axis=0) + around + cell
+        first = np.floor((low - grid.origin_m[:2]) / cell).astype(int)[::-1]
+        last = np.ceil((high - grid.origin_m[:2]) / cell).astype(int)[::-1]
+        return [clamp(first, last, layers.state.shape)]
 
     def _ask_sdf(self, grid: OccupancyGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
         """Query the minimum SDF of the horizon's columns beside surface again, and return where it changed.

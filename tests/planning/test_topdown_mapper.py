@@ -89,6 +89,26 @@ def test_remembered_sdf_stays_in_place_when_the_grid_grows():
     assert len(before.surface_xy_m) > 0
 
 
+def test_floor_that_the_robot_stood_on_is_free_once_the_grid_holds_it():
+    """A camera ahead of the base may see nothing of the block of voxels that the base stands in."""
+    grid = BoxWorld((3, 3), []).occupancy
+    nothing = lambda points: np.full(len(points), 0.1, np.float32)  # noqa: E731
+    pad = ((0, 0), (0, 0), (60, 0))
+    grown = replace(
+        grid,
+        state=np.pad(grid.state, pad, constant_values=UNKNOWN),
+        seen_range_m=np.pad(grid.seen_range_m, pad, constant_values=np.inf),
+        origin_m=grid.origin_m - np.array([60, 0, 0]) * RESOLUTION_M,
+    )
+    mapper = TopDownMapper(PlanningConfig(), BODY)
+    for x in (-1.5, -1.0, 0.5):
+        topdown_map(mapper, grid, nothing, Pose2(x, 1.5, 0.0))
+    topdown = topdown_map(mapper, grown, nothing, Pose2(0.6, 1.5, 0.0))
+    # About the start the floor is free farther than under the body.
+    assert [state_at(topdown, x, 1.5) for x in (-2.1, -1.5, -1.0)] == [FREE] * 3
+    assert state_at(topdown, -2.5, 1.5) == UNKNOWN
+
+
 def test_borders_stay_in_place_when_the_grid_grows_and_nothing_else_changes():
     block, more = 8, 64
     grid, pose = room(12, 12).occupancy, Pose2(6.2, 6.2, 0)

@@ -125,6 +125,16 @@ def test_the_robot_is_back_before_the_budget_is_spent(num_steps, explores):
     assert steps > 0.4 * num_steps - 10
 
 
+@pytest.mark.parametrize("x", [-0.3, 6.7])
+def test_a_map_that_does_not_hold_the_robot_yet_ends_no_run(x):
+    """A camera ahead of the base may see nothing of the block of voxels that the base stands in."""
+    policy = returning(Goes((3.0, 2.0)), 100)
+    for step, pose in enumerate((Pose2(x, 2.0, 0.0), Pose2(x + math.copysign(0.2, 3.0 - x), 2.0, 0.0))):
+        policy.observe(observe(step, pose))
+        plan = policy.plan(mapper_of(hall(wall=False)), observe(step, pose))
+        assert plan.reason == "on"
+
+
 def test_other_ends_are_ends():
     policy = returning(Goes(stop=StopReason.POLICY_ERROR), 500)
     plan, _, steps = drive(policy, mapper_of(hall()), 500)
