@@ -11,6 +11,7 @@ from anm_mj.errors import PlanError
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.guarded_policy import plan_fault
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
     CROP_CELLS,
@@ -23,7 +24,7 @@ from anm_mj.planning.policies.upen.occupancy_net import (
 )
 from anm_mj.planning.policies.upen.rrt import grow_tree
 from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, Upen, UpenConfig, egocentric_crop, value_along
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap
+from anm_mj.types import ARRIVED_M, FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap
 from scripts.train_upen import logits
 from tests.planning.policies.frontier.test_frontier_policy import hall, look
 from tests.planning.worlds import BoxWorld
@@ -147,6 +148,15 @@ def test_the_path_taken_is_clear_and_the_same_for_the_same_seed():
     assert plans[0].topdown is not None
     assert clearance_at(plans[0].topdown, plans[0].path_xy_m).min() > FOOTPRINT.radius_m
     assert plans[0].valid_steps == 38
+
+
+def test_paths_of_the_shortest_hops_lead_away():
+    with pytest.raises(PlanError, match=r"hop_m.*at least 0\.0975"):
+        UpenConfig(hop_m=0.09)
+    pose = Pose2(0.0, 0.0, 0.0)
+    policy = Upen(PolicyContext(FOOTPRINT, UpenConfig(hop_m=ARRIVED_M, num_hops=1, num_samples=300)))
+    policy.observe(look(pose))
+    assert plan_fault(policy.plan(BoxWorld((1.0, 1.0), []), look(pose)), pose) is None
 
 
 def test_beside_an_obstacle_the_tree_needs_the_clearance_that_the_robot_has():
