@@ -190,6 +190,8 @@ def _logged_fault(plan: Plan) -> str | None:
         # The scale of scores is the policy's own.
         if numbers.shape != (9,) or not np.isfinite(numbers).all() or np.abs(numbers[:3]).max() > FARTHEST_M:
             return f"regions holds {reprlib.repr(region)}, not a place and a normal of three numbers each, and numbers"
+    if plan.topdown is not None and not isinstance(plan.topdown.resolution_m, int | float | np.number):
+        return f"topdown.resolution_m is {reprlib.repr(plan.topdown.resolution_m)}, not a number of metres"
     if not isinstance(plan.stage_ms, dict):
         return f"stage_ms is {reprlib.repr(plan.stage_ms)}, not milliseconds by the name of a stage"
     return None

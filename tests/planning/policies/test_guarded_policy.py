@@ -112,6 +112,7 @@ def test_a_plan_that_can_be_executed_passes(plan):
         (wrong(headings_rad=(1.0,), graph=Mock()), "graph is of type Mock, not an anm_mj.types.VoronoiGraph"),
         (wrong(headings_rad=(1.0,), topdown=np.zeros((3, 3))), "topdown is of type ndarray, not an anm_mj.types"),
         (wrong(headings_rad=(1.0,), graph=replaced(GRAPH, edges=[])), "graph.edges is of type list, not an array"),
+        (wrong(headings_rad=(1.0,), topdown=replaced(TOPDOWN, resolution_m="5 cm")), "resolution_m is '5 cm', not a"),
         (wrong(headings_rad=(1.0,), regions=None), "regions is None, not a tuple of anm_mj.types.Region"),
         (wrong(headings_rad=(1.0,), regions=("wall",)), r"regions is \('wall',\), not a tuple of"),
         (wrong(headings_rad=(1.0,), regions=(WALL, replaced(WALL, vertex=None))), "regions holds Region"),
