@@ -46,8 +46,9 @@ class ReturnToCertainty:
         return back
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
-        """Pass a collision on; the way back is not clear."""
-        self._num_plans = MOST_PLANS
+        """Pass a collision on; where it was on the way back, that is not clear."""
+        if self._num_plans:
+            self._num_plans = MOST_PLANS
         self._policy.on_collision(pose, action)
 
     def _share(self, observation: Observation) -> float:

@@ -144,6 +144,19 @@ def test_a_collision_ends_the_return(policy):
     assert policy.plan(MAPPER, last).reason == "on"
 
 
+def test_a_collision_before_the_return_leaves_it(policy):
+    """What the robot met while it explored lies ahead; it came along its trail."""
+    policy.observe(view(1, 1.1, deviation_m=0.02))
+    policy.on_collision(Pose2(1.1, 1.0, 0.0), Action.MOVE_FORWARD)
+    unsure = view(2, 1.2, deviation_m=UNSURE_M)
+    policy.observe(unsure)
+
+    plan = policy.plan(MAPPER, unsure)
+
+    assert plan.path_xy_m[:, 0] == pytest.approx([1.2, 1.1, 1.0])
+    assert "return" in plan.reason
+
+
 def test_exact_poses_change_nothing():
     explores = Explores()
     policy = ReturnToCertainty(explores, PlanningConfig())
