@@ -3,8 +3,12 @@
 import numpy as np
 from jaxtyping import Float, Int32
 
+from anm_mj.errors import PlanError
 from anm_mj.types import OccupancyGrid
 from anm_mj.utils.arrays import Window, bounds, clamp, embed
+
+NOTHING_OBSERVED = "The map holds nothing yet; give it and the policy an observation before asking for a plan."
+"""What a policy says whose map is empty."""
 
 
 class ChangeReader:
@@ -20,8 +24,10 @@ class ChangeReader:
         and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
 
         The grid is always the same one, as it grows. Blocks that do not touch a box, given by its lower and upper
-        corner in the world [m], are left for later.
+        corner in the world [m], are left for later. Raises PlanError if the grid is empty.
         """
+        if not grid.state.size:
+            raise PlanError(NOTHING_OBSERVED)
         num_rows, num_cols = grid.state.shape[1:]
         if grid.column_version is None:
             return slice(0, num_rows), slice(0, num_cols)

@@ -18,7 +18,9 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from skimage.draw import polygon
 
+from anm_mj.errors import PlanError
 from anm_mj.frames import cell_to_world, pixel_directions, world_to_cell
+from anm_mj.planning.change_reader import NOTHING_OBSERVED
 from anm_mj.planning.topdown_mapper import COLLISION_CELLS, SMALL_COLLISION_CELLS
 from anm_mj.sensing.missing_floor import MissingFloor
 from anm_mj.sensing.pixel_state import measured_pixels
@@ -159,15 +161,23 @@ class ScanGrid:
         return bool(opened.any())
 
     def topdown(self) -> TopDownMap:
-        """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
+        """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground. Without any
+        obstacle it is the diagonal of the grid. Raises PlanError before the first scan.
+        """
+        if not self.log_odds.size:
+            raise PlanError(NOTHING_OBSERVED)
         state = np.where(self.log_odds > 0, np.int8(OCCUPIED), np.int8(FREE))
         state[self._mask(self._missing_floor.places_xy_m())] = OCCUPIED
         state[np.isnan(self.log_odds)] = UNKNOWN
-        found: Any = ndimage.distance_transform_edt(state != OCCUPIED, return_indices=True)
+        occupied = state == OCCUPIED
+        if not occupied.any():
+            far_m = np.full(state.shape, math.hypot(*state.shape) * RESOLUTION_M, np.float32)
+            return TopDownMap(far_m, state, RESOLUTION_M, self.origin_xy_m.copy())
+        found: Any = ndimage.distance_transform_edt(~occupied, return_indices=True)
         cells, nearest = found
         clear_m = (cells - 0.5) * RESOLUTION_M
-        near = (cells > 0) & (cells <= NEAR_CELLS) & (state == OCCUPIED).any()
-        clear_m[near] = self._to_surfaces_m(state == OCCUPIED, np.argwhere(near), nearest[:, near].T)
+        near = (cells > 0) & (cells <= NEAR_CELLS)
+        clear_m[near] = self._to_surfaces_m(occupied, np.argwhere(near), nearest[:, near].T)
         return TopDownMap(clear_m.astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
 
     def _to_surfaces_m(

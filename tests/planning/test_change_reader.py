@@ -1,5 +1,7 @@
 import numpy as np
+import pytest
 
+from anm_mj.errors import PlanError
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.planning.change_reader import ChangeReader
@@ -49,3 +51,8 @@ def test_untracked_grid_is_read_as_a_whole():
     reader = ChangeReader()
     for _ in range(2):
         assert reader.take(grid_with(None, 0)) == (slice(0, 8), slice(0, 12))
+
+
+def test_a_grid_that_holds_nothing_is_refused():
+    with pytest.raises(PlanError, match="give it and the policy an observation"):
+        ChangeReader().take(DepthOccupancy(OccupancyConfig()).grid)

@@ -2,7 +2,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from anm_mj.errors import PlanError
 from anm_mj.frames import cell_to_world, pixel_directions, world_to_cell
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
@@ -163,3 +165,13 @@ def test_a_growing_grid_keeps_its_surfaces():
 
     assert grid.surface_m.shape[1:] == grid.log_odds.shape
     np.testing.assert_array_equal(np.sort(grid.surface_m[np.isfinite(grid.surface_m)]), known)
+
+
+def test_without_any_obstacle_clearance_is_large_everywhere():
+    grid = ScanGrid(FOOTPRINT, 1.0)
+    with pytest.raises(PlanError, match="give it and the policy an observation"):
+        grid.topdown()
+    grid.integrate(look(Pose2(3.0, 2.5, 0.0)))
+    topdown = grid.topdown()
+    assert not (topdown.state == OCCUPIED).any()
+    assert (topdown.clearance_m >= topdown.state.shape[0] * RESOLUTION_M).all()
