@@ -103,7 +103,7 @@ class DepthOccupancy:
         takes_moved: bool = True,
     ) -> None:
         """Fuse one depth image: carve what was looked through, then mark what was hit. Raises MapError if the grid
-        would have more than ``MAX_VOXELS``.
+        would have more than ``MAX_VOXELS``, or voxels beyond ``FARTHEST_CELL``.
 
         ``depth_m`` is planar [m]: +inf where the sensor looked farther than its range, ``range_m``, and NaN where it
         measured nothing. ``moved_m`` is that of the pixels that show something moved, NaN elsewhere; ``depth_m`` has
@@ -304,7 +304,9 @@ class DepthOccupancy:
         return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
 
     def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Make room for voxels ``low`` to ``high`` (x, y, z, both included). Raises MapError beyond ``MAX_VOXELS``."""
+        """Make room for voxels ``low`` to ``high`` (x, y, z, both included). Raises MapError beyond ``MAX_VOXELS`` or
+        ``FARTHEST_CELL``.
+        """
         old = self.voxels
         shape = np.array(old.state.shape[::-1])
         if shape.all() and (low >= old.corner).all() and (high < old.corner + shape).all():
@@ -321,15 +323,21 @@ class DepthOccupancy:
             self.voxels.take_over(old)
 
     def _require_size(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large."""
+        """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large, or reach too far out."""
         # In floating point: what lies far beyond all bounds overflows whole numbers.
         first, last = low.astype(np.float64), high + 1.0
         if self.voxels.state.size:
             first = np.minimum(first, self.voxels.corner)
             last = np.maximum(last, self.voxels.corner + np.array(self.voxels.state.shape[::-1]))
-        cells = last - first
-        if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= FARTHEST_CELL:
-            return
+        cells, farthest = last - first, max(np.abs(first).max(), np.abs(last).max())
+        if cells.prod() <= MAX_VOXELS:
+            if farthest <= FARTHEST_CELL:
+                return
+            raise MapError(
+                f"Frame {self._num_frames} lets the map reach {farthest * self.config.voxel_m:.4g} m from the origin, "
+                f"but voxels of {self.config.voxel_m:g} m are told apart up to "
+                f"{FARTHEST_CELL * self.config.voxel_m:.4g} m: move the origin of the poses near to the scene."
+            )
         size = " x ".join(f"{edge_m:.4g}" for edge_m in cells * self.config.voxel_m)
         raise MapError(
             f"Frame {self._num_frames} lets the map extend over {size} m, which is {cells.prod():.3g} voxels of "

@@ -118,7 +118,8 @@ class NeuralMap:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 
         With an ``effort``, every frame but the first is trained on with that. Raises MapError if the loss was not
-        finite for several frames in a row, the grid becomes too large, or the images are not those of one camera.
+        finite for several frames in a row, the grid becomes too large or reaches too far from the origin, or the images
+        are not those of one camera.
         """
         _require_images(observation)
         observation = judge_pixels(observation)

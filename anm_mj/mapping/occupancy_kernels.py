@@ -37,8 +37,9 @@ REACH_M = 0.6
 APART_M, APART_SHARE = 0.06, 0.03
 """Neighbouring pixels hang together whose depths differ by less than either."""
 NOWHERE = np.zeros((0, 0), np.uint8)
-FARTHEST_CELL = 1e8
-"""Voxels lie within this number of voxels about the origin."""
+FARTHEST_CELL = 1 << 21
+"""Voxels lie within this number of voxels about the origin: beyond it, the numbers of 32 bits that places are computed
+in lie more than an eighth of a voxel apart."""
 
 Voxels = Int64[np.ndarray, "n 3"]
 """x, y, z index of voxels."""
@@ -259,9 +260,11 @@ def check_arrays(state: dict[str, np.ndarray]) -> None:
         raise ValueError("seen_range_m does not fit log_odds")
     corner = array_of(state, "corner", "i", (3,))
     array_of(state, "block_stamp", "i", tuple(cells // BLOCK for cells in shape))
-    if any(cells % BLOCK for cells in shape) or np.abs(corner.astype(float)).max() > FARTHEST_CELL:
+    whole = not any(cells % BLOCK for cells in (*shape, *corner.tolist()))
+    if not whole or np.abs(corner.astype(float)).max() > FARTHEST_CELL:
         raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
-    if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
+    # The frames to come are counted in 32 bits, too.
+    if not 0 <= int(array_of(state, "num_frames", "iu", ())) <= 10**9:
         raise ValueError(f"num_frames is {state['num_frames']}")
     for name, sizes in (("depth_noise", (3, 4)), ("strays", (2,))):
         # Maps of older versions have no strays, and no fourth figure of noise.

@@ -243,3 +243,20 @@ def test_a_grid_says_how_large_it_would_be_before_it_grows(far_m):
     with pytest.raises(MapError, match=r"Frame 2 lets the map extend over .* ANM_MJ_MAX_VOXELS"):
         occupancy.integrate(np.ones((8, 8), np.float32), camera, T)
     assert occupancy.grid.state.shape == shape
+
+
+@pytest.mark.parametrize("far_m", [1.1e5, -5e6])
+def test_places_that_32_bits_do_not_tell_apart_are_refused(far_m):
+    T = np.eye(4)
+    T[0, 3] = far_m
+    with pytest.raises(MapError, match=r"Frame 1 lets the map reach .* m from the origin.*up to 1\.049e\+05 m"):
+        DepthOccupancy(OccupancyConfig()).integrate(np.ones((8, 8), np.float32), Intrinsics(8, 8, 4, 4, 4, 4), T)
+
+
+@pytest.mark.parametrize(("name", "value"), [("corner", [3, 0, 0]), ("num_frames", 2**31 - 1)])
+def test_arrays_that_no_grid_has_are_refused(room, name, value):
+    view = room.observe(1.5, 1.5, 0.0)
+    occupancy = DepthOccupancy(OccupancyConfig())
+    occupancy.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
+    with pytest.raises(ValueError, match=r"begins at|num_frames"):
+        DepthOccupancy(OccupancyConfig()).set_arrays({**occupancy.arrays(), name: np.array(value)})
