@@ -65,8 +65,8 @@ def view_samples(
     """
     directions = pixel_directions(intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
-    end_m = min(max_depth_m, _map_depth_m(occupancy, T_world_camera))
-    first, crossing = _search(occupancy, sdf, origin, directions, end_m)
+    begin_m, end_m = _map_depths_m(occupancy, T_world_camera)
+    first, crossing = _search(occupancy, sdf, origin, directions, begin_m, min(max_depth_m, end_m))
     hit = np.isfinite(first)
     crossed = np.isfinite(crossing[hit])
     middle = np.where(crossed, crossing[hit], first[hit] + 0.5 * truncation_m)
@@ -78,13 +78,14 @@ def view_samples(
     return start, rays, np.maximum(z, 1e-3).astype(np.float32), hit
 
 
-def _map_depth_m(occupancy: DepthOccupancy, T_world_camera: Float[np.ndarray, "4 4"]) -> float:
-    """Planar depth of the farthest corner of the occupancy grid [m]; 0 where it lies behind the camera."""
+def _map_depths_m(occupancy: DepthOccupancy, T_world_camera: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
+    """Planar depth of the nearest and of the farthest corner of the occupancy grid [m]; 0 for one behind the camera."""
     grid = occupancy.grid
     low = grid.origin_m - T_world_camera[:3, 3]
     high = low + np.array(grid.state.shape[::-1]) * grid.resolution_m
     axis = T_world_camera[:3, 2]
-    return max(0.0, float(np.maximum(low * axis, high * axis).sum()))
+    near_m, far_m = np.minimum(low * axis, high * axis).sum(), np.maximum(low * axis, high * axis).sum()
+    return max(0.0, float(near_m)), max(0.0, float(far_m))
 
 
 def _search(
@@ -92,16 +93,19 @@ def _search(
     sdf: SdfQuery,
     origin: Float[np.ndarray, "3"],
     directions: Float[np.ndarray, "n 3"],
+    begin_m: float,
     end_m: float,
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """Planar depth of the first occupied voxel, and of the first surface in or at one, up to ``end_m`` [m]; NaN where
-    there is none.
+    there is none. Nothing is occupied before ``begin_m`` [m].
     """
     first = np.full(len(directions), np.nan)
     crossing = np.full(len(directions), np.nan)
     searching = np.arange(len(directions))
     step, reach = occupancy.config.voxel_m * _STRIDE, occupancy.config.voxel_m * _REACH
-    for z in np.arange(step, end_m, step):
+    # From a place far outside of the map, the way to it would take hours.
+    before = max(begin_m // step - 1.0, 0.0)
+    for z in step + step * np.arange(before, np.ceil((end_m - step) / step)):
         occupied = searching[occupancy.state_at(origin + directions[searching] * z) == OCCUPIED]
         if not len(occupied):
             continue

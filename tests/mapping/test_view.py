@@ -65,6 +65,18 @@ def test_the_map_is_seen_from_however_far(all_occupied, view, back_m):
     assert not view_samples(all_occupied, plane, looking, T_world_camera, 0.1, 0.5 * back_m)[3].any()
 
 
+def test_the_way_to_a_map_far_off_costs_nothing(all_occupied, view, monkeypatch):
+    T_world_camera = view.T_world_camera.copy()
+    T_world_camera[0, 3] -= 5e5
+    looked, state_at = [], all_occupied.state_at
+    monkeypatch.setattr(all_occupied, "state_at", lambda points: looked.append(len(points)) or state_at(points))
+    looking = Intrinsics(1, 1, 1e6, 1e6, 0.5, 0.5)
+    _, _, z, hit = view_samples(all_occupied, plane, looking, T_world_camera, 0.1)
+    assert hit.all()
+    np.testing.assert_allclose(z.mean(axis=1), 5e5 + SURFACE_X_M - 1.0, atol=0.1)
+    assert len(looked) < 500
+
+
 def test_an_empty_map_shows_nothing(view):
     grid = DepthOccupancy(OccupancyConfig())
     assert not view_samples(grid, plane, view.intrinsics, view.T_world_camera, 0.1)[3].any()
