@@ -89,7 +89,7 @@ VARIABLES = (
         "`MUJOCO_EGL_DEVICE_ID`",
         "the [EGL device](camera.md) that draws, by its number in `doctor`; else the first",
     ),
-    ("`OMP_NUM_THREADS`", "threads of training and planning; else as many as there are cores"),
+    ("`OMP_NUM_THREADS`", "threads of training and planning, 256 at most; else as many as there are cores"),
     ("`ROS_DOMAIN_ID`, `CYCLONEDDS_URI`", "domain and network of ROS 2: [ros.md](ros.md)"),
     ("`RAY_ADDRESS`", "the Ray cluster of `--executor ray`"),
     ("`UV_TORCH_BACKEND`", "which build of torch `make setup` installs: [start.md](start.md#install)"),

@@ -8,15 +8,20 @@ from queue import Queue
 
 from anm_mj import _native
 
+_MOST_THREADS = 256
+"""More find no work; each takes a megabyte of the engine's."""
+
 
 def usual_num_threads() -> int:
-    """As ``OMP_NUM_THREADS`` says, like OpenMP and torch; without it, one per core that the process may use."""
+    """As ``OMP_NUM_THREADS`` says, like OpenMP and torch, but 256 at most; without it, one per core that the process
+    may use.
+    """
     try:
         asked = int(os.environ.get("OMP_NUM_THREADS", "").partition(",")[0])
     except ValueError:
         asked = 0
     if asked > 0:
-        return asked
+        return min(asked, _MOST_THREADS)
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # Not on macOS.

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from anm_mj.utils import threads
-from anm_mj.utils.threads import Background
+from anm_mj.utils.threads import Background, usual_num_threads
 
 
 def test_tasks_are_done_in_order_with_a_core_of_their_own():
@@ -56,3 +56,9 @@ def test_an_error_is_told_later_and_nothing_is_done_after_it():
         background.submit(lambda: done.append(1))
     background.close()
     assert not done
+
+
+@pytest.mark.parametrize(("asked", "given"), [("3", 3), ("2,1", 2), ("100000", 256), ("3000000000", 256)])
+def test_no_more_threads_than_there_is_work_for(monkeypatch, asked, given):
+    monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    assert usual_num_threads() == given
