@@ -51,7 +51,9 @@ class SavedMap:
         except (ValueError, KeyError) as err:
             raise MapError(f"The saved map is damaged ({err}); explore again.") from err
         schedule = self.config.schedule
-        field.is_trained = max(schedule.first_iterations, schedule.iterations, schedule.final_iterations) > 0
+        trains = max(schedule.first_iterations, schedule.iterations, schedule.final_iterations) > 0
+        # Of frames without any depth nothing was learnt, and they do not count.
+        field.is_trained = trains and self.num_frames > 0
         field.num_frames = self.num_frames
 
 
@@ -60,7 +62,7 @@ class _About(Struct):
 
     config: dict[str, Any]
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
-    num_frames: Annotated[int, Meta(ge=0, le=10**9)]
+    num_frames: Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 
 def write_map(path: Path, saved: SavedMap) -> None:
