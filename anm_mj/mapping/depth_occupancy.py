@@ -44,7 +44,7 @@ _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
 """So many frames that contradict it change the state of a voxel of a prior run."""
 MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
 """Most voxels of a grid; each takes eight bytes."""
-_HIT_FOCAL_PX = 64.0
+HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
 
@@ -112,7 +112,7 @@ class DepthOccupancy:
         self._num_frames += 1
         self.noise.add(depth_m)
         view = self._view(depth_m, intrinsics, T_world_camera)
-        stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
+        stride = max(1, round(intrinsics.fx / HIT_FOCAL_PX))
         phase = self._num_frames % stride, self._num_frames // stride % stride
         voxels, hit_depth = self._kernels.hits(view, phase, stride)
         self.strays.add(is_straying(self.voxels, self.config, voxels, hit_depth))

@@ -21,7 +21,7 @@ from jaxtyping import Float, Float32, Float64
 from scipy.ndimage import map_coordinates
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.depth_occupancy import HIT_FOCAL_PX, DepthOccupancy
 from anm_mj.types import OCCUPIED, SurfaceErrors
 
 PRIOR_OBSERVATIONS = 0.1
@@ -74,7 +74,8 @@ def expected_errors(
     variance = last_layer_variance(backend, occupancy, points_m, density_exponent)
     error_m = (SCALE_M * variance**EXPONENT).astype(np.float32)
     count = observation_density(occupancy, points_m).astype(np.float32)
-    return SurfaceErrors(points_m.astype(np.float32, copy=False), error_m, count, (1.0 - density_exponent) * EXPONENT)
+    xyz_m, exponent = points_m.astype(np.float32, copy=False), (1.0 - density_exponent) * EXPONENT
+    return SurfaceErrors(xyz_m, error_m, count, exponent, HIT_FOCAL_PX)
 
 
 def leverage(

@@ -45,8 +45,10 @@ if TYPE_CHECKING:
 def make_map(preset: str = "default", *, seed: int = 0, device: str = "auto") -> NeuralMap:
     """An empty neural map; ``integrate`` it with observations. ``preset`` is the mapping effort, a key of
     :data:`anm_mj.mapping.mapping_config.MAPPING_PRESETS`; seed and device are as of :class:`NeuralMap`. Raises MapError
-    if there is no such preset, or the device is unknown or absent.
+    if there is no such preset, the seed is no number from 0 up to 2^63 - 1, or the device is unknown or absent.
     """
+    if not 0 <= seed < 1 << 63:
+        raise MapError(f"The seed is {seed}; give a whole number from 0 up to {(1 << 63) - 1}.")
     if preset not in MAPPING_PRESETS:
         raise MapError(f"There is no mapping preset '{preset}'; choose one of {', '.join(MAPPING_PRESETS)}.")
     return NeuralMap(MAPPING_PRESETS[preset](), seed=seed, device=device)

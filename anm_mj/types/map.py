@@ -84,6 +84,9 @@ class SurfaceErrors:
     """Pixels of all frames that fell on the voxel about each point."""
     exponent: float
     """``error_m`` falls as ``num_observations ** -exponent``."""
+    counted_focal_px: float = math.inf
+    """Sharper images are thinned to about this focal length before their pixels are counted [px]: by a whole stride
+    along rows and columns. By default, every pixel counts."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.depth_occupancy import HIT_FOCAL_PX, DepthOccupancy
 from anm_mj.mapping.last_layer import last_layer_variance, leverage, observation_density
 from anm_mj.mapping.mapping_config import OccupancyConfig, quick_mapping
 from anm_mj.mapping.neural_map import NeuralMap
@@ -47,6 +47,20 @@ def test_half_the_distance_gives_four_times_the_density(room):
     patch = np.column_stack([np.full(500, 4.0), rng.uniform(0.3, 0.9, 500), rng.uniform(1.0, 1.4, 500)])
     near, far = (observation_density(_fused(room, (x, 0.6)), patch).mean() for x in (3.0, 2.0))
     assert near / far == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [64, 128, 256])
+def test_as_many_observations_are_counted_as_the_focal_length_says(room, size):
+    """Frames of every phase of the thinning see a wall 2 m away from the front."""
+    grid = DepthOccupancy(OccupancyConfig())
+    for _ in range(16):
+        view = room.observe(2.0, 1.5, 0.0, size=size)
+        grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
+    patch = np.mgrid[4:5, 1.2:1.8:13j, 1.0:1.4:9j].reshape(3, -1).T
+    layers = np.concatenate([patch + np.array([dx, 0.0, 0.0]) for dx in (-0.05, 0.0, 0.05)])
+    counted = observation_density(grid, layers).reshape(3, -1)
+    counted_px = view.intrinsics.fx / max(1, round(view.intrinsics.fx / HIT_FOCAL_PX))
+    assert counted.sum(axis=0).mean() == pytest.approx(16 * (counted_px * grid.config.voxel_m / 2.0) ** 2, rel=0.2)
 
 
 def test_density_is_zero_where_nothing_was_observed(room):

@@ -16,8 +16,11 @@ WORTH_UNSEEN_M = 0.05
 """Surface off by this much counts like surface that was never seen [m]."""
 PATCH_M = 0.3
 """Errors are averaged over cubes of this edge [m]: rays sample the surface no finer."""
-FRAMES_PER_VIEW = 4
-"""A place stays in view for this many frames while the robot turns to a view and leaves it."""
+FRAMES_PER_VIEW = 16
+"""Frames of a place that a view brings, with those from the way to it and of later views. With the 4 in which the place
+stays in view while the robot turns and leaves, runs end 28 (standard error 14) steps earlier, with the same map (16
+runs).
+"""
 OFFSET = 1 << 20
 """Added to the indices of cubes, so that none is negative."""
 
@@ -26,9 +29,11 @@ class ExpectedImprovement:
     """Remembers the errors of the surface and answers how much of them a view takes away."""
 
     def __init__(self, focal_px: float, voxel_m: float) -> None:
-        """Start without any surface; observations are counted on voxels of this edge."""
+        """Start without any surface. ``focal_px`` is the camera's; observations are counted on voxels of this edge."""
+        self._focal_px = focal_px
+        self._voxel_m = voxel_m
         self._voxel_px_m = focal_px * voxel_m
-        """A voxel spans this many pixels at a depth of 1 m."""
+        """A voxel spans this many of the counted pixels at a depth of 1 m."""
         self._exponent = 0.0
         self._key = np.zeros(0, np.int64)
         self._worth = np.zeros(0, np.float32)
@@ -38,6 +43,8 @@ class ExpectedImprovement:
     def update(self, errors: SurfaceErrors, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> None:
         """Replace what is known within ``radius_m`` of a place [m]."""
         self._exponent = errors.exponent
+        stride = max(1, round(self._focal_px / errors.counted_focal_px))
+        self._voxel_px_m = self._focal_px / stride * self._voxel_m
         key, member, size = np.unique(_keys(errors.xyz_m.astype(float)), return_inverse=True, return_counts=True)
         worth = np.minimum(errors.error_m / np.float32(WORTH_UNSEEN_M), np.float32(1.0))
         mean = [np.bincount(member, v, len(key)) / np.maximum(size, 1) for v in (worth, errors.num_observations)]

@@ -7,13 +7,14 @@ from anm_mj.types import SurfaceErrors
 HERE = np.zeros(2)
 
 
-def errors(xyz_m, error_m, num_observations):
+def errors(xyz_m, error_m, num_observations, **thinned):
     n = len(xyz_m)
     return SurfaceErrors(
         np.array(xyz_m, np.float32),
         np.full(n, error_m, np.float32),
         np.full(n, num_observations, np.float32),
         0.27,
+        **thinned,
     )
 
 
@@ -36,6 +37,15 @@ def test_nothing_is_expected_where_no_error_is_known():
 def test_the_share_is_the_error_that_a_view_averages_out():
     found = improvement(errors([(1.0, 0.0, 1.0)], 0.02, 40))
     added = FRAMES_PER_VIEW * (128.0 * 0.05 / 2.0) ** 2
+    assert share(found, (1.0, 0.0, 1.0), 2.0) == pytest.approx(
+        0.02 / WORTH_UNSEEN_M * (1.0 - (41.0 / (41.0 + added)) ** 0.27), rel=1e-5
+    )
+
+
+@pytest.mark.parametrize(("counted_focal_px", "stride"), [(64.0, 2), (50.0, 3), (128.0, 1), (300.0, 1)])
+def test_a_view_adds_as_many_observations_as_are_counted(counted_focal_px, stride):
+    found = improvement(errors([(1.0, 0.0, 1.0)], 0.02, 40, counted_focal_px=counted_focal_px))
+    added = FRAMES_PER_VIEW * (128.0 / stride * 0.05 / 2.0) ** 2
     assert share(found, (1.0, 0.0, 1.0), 2.0) == pytest.approx(
         0.02 / WORTH_UNSEEN_M * (1.0 - (41.0 / (41.0 + added)) ** 0.27), rel=1e-5
     )
