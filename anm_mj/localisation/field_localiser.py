@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _Place = tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "k k"]]
 """Pose of a camera, and its covariance by the directions of motion."""
 _FIRST_DEVIATION = 1e-4
-"""Standard deviations of the first pose [m, rad]: it defines the world."""
+"""Standard deviations of the first pose, at least [m, rad]: where nobody estimated it, it defines the world."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
 
@@ -50,7 +50,7 @@ _FEW_POINTS = 50
 class FieldLocaliser:
     """Implements :class:`~.localiser.Localiser`: registers each frame to the field that is being trained.
 
-    The first frame's pose is taken as it comes: it defines the world.
+    The first frame's pose is taken as it comes, with the deviations that it states: without any it defines the world.
     """
 
     REBUILT = ("_map", "_probe", "_compared")
@@ -134,9 +134,12 @@ class FieldLocaliser:
         self._is_guess = False
         image = key_image(observation, self.config.key_images.longest_px, noise)
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
+            told = observation.position_deviation_m, observation.heading_deviation_rad
+            deviations = np.maximum(told, _FIRST_DEVIATION)
+            self._covariance = self._basis.T @ np.diag(np.repeat(deviations, 3) ** 2) @ self._basis
             first = Prior(observation.T_world_camera, self._covariance, self._basis)
             self._headings = self._compass.look(observation, first, self._probe.noise_of(observation)).headings
-            self._compass.learn(observation.T_world_camera, _FIRST_DEVIATION)
+            self._compass.learn(observation.T_world_camera, float(deviations[1]))
             self._image_odometry.see(None if self._odometry else image)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)

@@ -71,6 +71,20 @@ def tracked(tiny_config: MappingConfig, room: Room) -> tuple[list[Observation], 
     return frames, track(localiser, neural_map, drifting(frames)), neural_map
 
 
+@pytest.mark.parametrize("planar", [True, False])
+def test_a_first_pose_that_was_estimated_is_no_better_than_it_says(tracked, planar: bool) -> None:
+    frames, _, neural_map = tracked
+
+    def first(**deviations: float) -> PoseEstimate:
+        localiser = FieldLocaliser(neural_map, CONFIG, seed=0, planar=planar, odometry=False)
+        return localiser.localise(replace(frames[0], **deviations))
+
+    told = first(position_deviation_m=0.03, heading_deviation_rad=0.02)
+    assert told.position_deviation_m == pytest.approx(0.03)
+    assert told.rotation_deviation_rad == pytest.approx(0.02)
+    assert first().position_deviation_m == pytest.approx(1e-4)
+
+
 def test_drift_is_taken_away(tracked: tuple[list[Observation], list[PoseEstimate], NeuralMap]) -> None:
     frames, estimates, _ = tracked
     apart, turned = offsets(estimates, frames)
