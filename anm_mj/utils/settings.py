@@ -40,7 +40,8 @@ class Limits:
         if isinstance(value, bool | str):
             return not self.choices or value in self.choices
         above_low = value > 0.0 if self.at_least is None else value >= self.at_least
-        return math.isfinite(value) and above_low and value <= self.at_most and value < self.below
+        # In this order: a whole number too large for a float is no finite one.
+        return above_low and value <= self.at_most and value < self.below and math.isfinite(value)
 
     def __str__(self) -> str:
         """What a value must be, for a message."""

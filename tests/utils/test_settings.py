@@ -27,6 +27,7 @@ def test_defaults_are_within_their_limits():
         ({"plain": 1e9}, "at most 1000000"),
         ({"plain": float("nan")}, "above zero"),
         ({"plain": float("inf")}, "above zero"),
+        ({"turns": 10**400}, "at most 1000000"),
         ({"share": 1.5}, "at least 0 and at most 1"),
         ({"share": -0.5}, "at least 0 and at most 1"),
         ({"percentile": 100.0}, "above zero and below 100"),
