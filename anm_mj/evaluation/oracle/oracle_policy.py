@@ -54,12 +54,17 @@ class Oracle:
 
     def __init__(self, context: PolicyContext[OracleConfig]) -> None:
         """Take the scene's truth in. Raises PlanError if the truth or the observable part of the surface is not known,
-        or a folder holds no run.
+        or there is no such part, or a folder holds no run.
         """
         if not isinstance(context.truth, SceneTruth):
             raise PlanError("This policy needs the true scene, and the context does not hold it.")
         if context.truth.surface.observable is None:
             raise PlanError("This policy needs the observable surface; pip install embreex computes it.")
+        if not context.truth.surface.observable.any():
+            raise PlanError(
+                f"This policy finds no surface that the camera covers within {context.truth.camera.range_m:g} m from "
+                "where the robot can get to; give another start, or a camera that sees farther."
+            )
         self._scene = context.truth
         self._settings = context.settings
         self._trajectories = read_trajectories(context.settings.warm_start)

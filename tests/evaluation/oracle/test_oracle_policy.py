@@ -135,6 +135,9 @@ def test_without_the_observable_surface_there_is_no_oracle(rooms):
     truth, area = rooms
     with pytest.raises(PlanError, match="embree"):
         oracle_for(GroundTruth(truth.samples, truth.vertices, truth.faces), area)
+    nothing = np.zeros(len(truth.samples), bool)
+    with pytest.raises(PlanError, match="no surface that the camera covers within 10 m"):
+        oracle_for(GroundTruth(truth.samples, truth.vertices, truth.faces, nothing), area)
 
 
 @pytest.fixture
