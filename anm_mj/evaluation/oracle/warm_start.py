@@ -47,9 +47,10 @@ def stops_along(
     """The tour that follows a trajectory: its turns on the spot as they were, and the way between them. ``poses`` are
     those after each step, of which ``budget`` count.
     """
+    poses = poses[:budget]
     stops, turned = list[Stop](), list[tuple[int, int]]()
     stopped_m = poses[0].xy_m if poses else np.zeros(2)
-    for before, after in itertools.pairwise(poses[:budget]):
+    for before, after in itertools.pairwise(poses):
         if math.dist(before.xy_m, after.xy_m) <= MOVED_M:
             if yaw_at(before) != yaw_at(after):
                 turned.append((yaw_at(before), yaw_at(after)))

@@ -145,3 +145,10 @@ def test_a_planner_bounds_what_its_scene_shows(rooms):
     assert len(bound) == 81
     assert 0.0 < bound[0] < bound[-1] <= 100.0
     assert int(count(np.zeros(1, np.uint64))) == 0
+
+
+def test_a_run_that_is_cut_in_a_turn_looks_where_it_turned():
+    driven = trajectory()
+    # After 40 steps the robot has made 20 of its 24 turns at one place.
+    stops = stops_along(driven, lambda pose: driven.index(pose), lambda pose: round(pose.yaw_rad / TURN_STEP_RAD), 40)
+    assert [place for place, yaw, _ in stops if yaw != NO_YAW] == [39, 39]
