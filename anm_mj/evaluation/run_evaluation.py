@@ -23,7 +23,7 @@ from anm_mj.evaluation.metrics import (
     summarise,
     view_metrics,
 )
-from anm_mj.evaluation.trajectory_error import alignment, trajectory_error
+from anm_mj.evaluation.trajectory_error import alignment, is_exact, trajectory_error
 from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.frames import transform_points
 from anm_mj.ground_truth.cache import cached_ground_truth
@@ -141,12 +141,11 @@ def quality_of_mesh(
 
 def trajectory_metrics(run: Run, truth: GroundTruth, curve: CompletionCurve) -> dict[str, Any] | None:
     """Errors of a run's trajectory, and its mesh after their alignment, by the keys of ``metrics.json``. Returns None
-    where the run believed the true poses. Raises RunFolderError if the mesh is damaged.
+    where the run knew the true pose of every frame. Raises RunFolderError if the mesh is damaged.
     """
-    error = trajectory_error(run.frames)
-    if error is None:
+    if is_exact(run.frames):
         return None
-    found: dict[str, Any] = dataclasses.asdict(error)
+    found: dict[str, Any] = dataclasses.asdict(trajectory_error(run.frames))
     known = [frame for frame in run.frames if not frame.is_lost]
     if known:
         believed = np.array([frame.T_world_camera[:3, 3] for frame in known])

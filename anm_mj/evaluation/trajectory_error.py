@@ -64,17 +64,18 @@ class TrajectoryError:
     """How often earlier keyframes were moved, because a place was seen again."""
 
 
-def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError | None:
-    """The error of a run's trajectory; None where the poses that it believed are the true ones. There is one frame at
-    least.
-    """
+def is_exact(frames: Sequence[FrameRecord]) -> bool:
+    """Whether a run knew the true pose of its camera at every frame."""
+    return all(not frame.is_lost and np.array_equal(frame.T_world_camera, frame.T_true_camera) for frame in frames)
+
+
+def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError:
+    """The error of a run's trajectory. There is one frame at least."""
     known = [frame for frame in frames if not frame.is_lost]
     if not known:
         return TrajectoryError(**of_all_frames(frames))
     believed = np.array([frame.T_world_camera for frame in known])
     true = np.array([frame.T_true_camera for frame in known])
-    if np.array_equal(believed, true):
-        return None
     error_m = np.linalg.norm(believed[:, :3, 3] - true[:, :3, 3], axis=1)
     T_true_believed = alignment(believed[:, :3, 3], true[:, :3, 3])
     aligned = believed[:, :3, 3] @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]
@@ -155,8 +156,7 @@ def reference_error(frames: Sequence[FrameRecord], reference: Track) -> Trajecto
     for frame, pose in known:
         T = T_world_reference @ pose
         placed.append(replace(frame, T_true_camera=T, true_pose=base_pose(T)))
-    error = trajectory_error(placed)
-    return None if error is None else replace(error, **of_all_frames(frames))
+    return replace(trajectory_error(placed), **of_all_frames(frames))
 
 
 def alignment(from_m: Float[np.ndarray, "n 3"], to_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4 4"]:

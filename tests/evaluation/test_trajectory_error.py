@@ -7,7 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.trajectory_error import read_reference, reference_error, warn_of_assumed_times
+from anm_mj.evaluation.trajectory_error import (
+    is_exact,
+    read_reference,
+    reference_error,
+    trajectory_error,
+    warn_of_assumed_times,
+)
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence_poses import base_pose, camera_line
 
@@ -85,6 +91,22 @@ def test_lost_frames_count_in_their_share_alone(reference):
     assert found.position_rmse_cm < 0.01
     assert found.lost_percent == pytest.approx(100.0 * 3 / len(wrong))
     assert found.unmapped_percent == found.lost_percent
+
+
+def test_exact_poses_have_errors_of_nothing_and_lost_frames_count_all_the_same():
+    lost = frames(lost=range(10, 29))
+    assert is_exact(frames())
+    assert not is_exact(lost)
+    found = trajectory_error(lost)
+    assert found.lost_percent == pytest.approx(100.0 * 19 / 29)
+    assert found.position_rmse_cm == 0.0
+
+
+def test_a_reference_that_is_the_trajectory_itself_has_no_error(tmp_path):
+    path = tmp_path / "still.tum"
+    path.write_text("".join(camera_line(0.1 * k, np.eye(4)) + "\n" for k in range(5)))
+    still = [FrameRecord(k, 0.1 * k, *2 * (base_pose(np.eye(4)), np.eye(4))) for k in range(5)]
+    assert error_of(still, read_reference(path)).position_rmse_cm == 0.0
 
 
 def test_loops_count_where_the_reference_has_no_pose_too(reference):
