@@ -30,6 +30,8 @@ RPE_M = 1.0
 """Driven distance over which drift is measured [m]."""
 RPE_RAD = math.pi / 2
 """Rotation over which drift is measured [rad]."""
+_LEVER_M = 0.02
+"""Positions that spread by less about a line, or a point, do not tell how they are turned about it [m]."""
 _FEWEST = 3
 """Fewer poses cannot be aligned."""
 
@@ -160,12 +162,18 @@ def reference_error(frames: Sequence[FrameRecord], reference: Track) -> Trajecto
 
 
 def alignment(from_m: Float[np.ndarray, "n 3"], to_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "4 4"]:
-    """The rigid motion that brings points as near as possible to others, in the least squares.
+    """The rigid motion that brings points as near as possible to others, in the least squares. Where they leave its
+    rotation open, as on a line or in one place, that is as small as possible.
 
     Umeyama, Least-Squares Estimation of Transformation Parameters Between Two Point Patterns, 1991; without scale.
     """
     centre_from, centre_to = from_m.mean(axis=0), to_m.mean(axis=0)
-    u, _, vt = np.linalg.svd((to_m - centre_to).T @ (from_m - centre_from))
+    together = (to_m - centre_to).T @ (from_m - centre_from)
+    u, spread, vt = np.linalg.svd(together)
+    least = len(from_m) * _LEVER_M**2
+    if spread[1] < least:
+        # As if a small cross at every point were turned as its counterpart is.
+        u, _, vt = np.linalg.svd(together + least * np.eye(3))
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
     T = np.eye(4)
     T[:3, :3] = u @ mirror @ vt

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.trajectory_error import (
+    alignment,
     is_exact,
     read_reference,
     reference_error,
@@ -83,6 +84,27 @@ def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
     assert found.position_rmse_cm == pytest.approx(10.0 * np.sqrt((count - 1) / count), rel=1e-3)
     assert found.ate_rmse_cm < 2.0
     assert found.final_position_error_cm == pytest.approx(10.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("length_m", [0.0, 0.2, 1.3])
+def test_what_positions_leave_open_is_not_turned(length_m):
+    """A robot that turns about its camera's axis, or drives straight on, with errors of millimetres."""
+    rng = np.random.default_rng(0)
+    for yaw in np.linspace(0.0, 6.0, 20):
+        along = np.linspace(0.0, length_m, 40)[:, None]
+        true = np.array([2.0, -1.0, 1.25]) + along * [np.cos(yaw), np.sin(yaw), 0.0]
+        true[:, :2] += rng.normal(0.0, 0.001, (40, 2))
+        believed = true.copy()
+        believed[:, :2] += rng.normal(0.0, 0.004, (40, 2))
+        T = alignment(believed, true)
+        assert np.linalg.norm(Rotation.from_matrix(T[:3, :3]).as_rotvec()) < 0.1
+        np.testing.assert_allclose(T @ [*believed.mean(axis=0), 1.0], [*true.mean(axis=0), 1.0])
+
+
+def test_a_trajectory_that_spreads_is_turned_by_what_it_says():
+    true = np.stack([pose(t)[:3, 3] for t in np.arange(0.1, 3.0, 0.1)])
+    turned = true @ ELSEWHERE[:3, :3].T + ELSEWHERE[:3, 3]
+    np.testing.assert_allclose(alignment(true, turned), ELSEWHERE, atol=1e-9)
 
 
 def test_lost_frames_count_in_their_share_alone(reference):
