@@ -30,6 +30,8 @@ RPE_M = 1.0
 """Driven distance over which drift is measured [m]."""
 RPE_RAD = math.pi / 2
 """Rotation over which drift is measured [rad]."""
+_ROUNDING = 1e-9
+"""Nine turns by 10 degrees add up to a quarter turn but for this [rad]."""
 _LEVER_M = 0.02
 """Positions that spread by less about a line, or a point, do not tell how they are turned about it [m]."""
 _FEWEST = 3
@@ -185,7 +187,7 @@ def _drift(
     believed: Float[np.ndarray, "n 4 4"], true: Float[np.ndarray, "n 4 4"], along: Float[np.ndarray, " n"], reach: float
 ) -> Float64[np.ndarray, "k 2"]:
     """Drift in position [m] and rotation [rad] from each frame to the first one that is ``reach`` farther along."""
-    ends = np.searchsorted(along, along + reach)
+    ends = np.searchsorted(along, along + (reach - _ROUNDING))
     found = []
     for begin, end in enumerate(ends.tolist()):
         if end >= len(along):

@@ -86,6 +86,17 @@ def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
     assert found.final_position_error_cm == pytest.approx(10.0, rel=1e-3)
 
 
+def test_nine_turns_by_ten_degrees_are_a_quarter_turn():
+    records = []
+    for step in range(73):
+        true, believed = np.eye(4), np.eye(4)
+        true[:3, :3], believed[:3, :3] = (
+            Rotation.from_euler("z", step * deg, degrees=True).as_matrix() for deg in (10.0, 10.1)
+        )
+        records.append(FrameRecord(step, 0.1 * step, base_pose(believed), believed, base_pose(true), true))
+    assert trajectory_error(records).rpe_deg_per_quarter_turn == pytest.approx(0.9, rel=1e-6)
+
+
 @pytest.mark.parametrize("length_m", [0.0, 0.2, 1.3])
 def test_what_positions_leave_open_is_not_turned(length_m):
     """A robot that turns about its camera's axis, or drives straight on, with errors of millimetres."""
