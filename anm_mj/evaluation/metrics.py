@@ -167,7 +167,7 @@ class EpisodeStatistics:
     stage_ms: dict[str, float] = field(default_factory=dict)
     """Wall time of each stage of the loop [ms]."""
     turned_in_a_row: int = 0
-    """Turns to one side since the last other action: positive to the left, negative to the right."""
+    """Turns to one side since the last move or turn to the other: positive to the left, negative to the right."""
 
     @property
     def steps(self) -> int:
@@ -177,9 +177,10 @@ class EpisodeStatistics:
     def after(self, action: Action, collided: bool, moved_m: float, stage_ms: dict[str, float]) -> EpisodeStatistics:
         """The statistics with one more step."""
         side = {Action.TURN_LEFT: 1, Action.TURN_RIGHT: -1}.get(action, 0)
-        in_a_row = self.turned_in_a_row + side if side * self.turned_in_a_row > 0 else side
         # In the physics drive a robot that waits creeps.
         moved = action is Action.MOVE_FORWARD and moved_m > 0.0
+        goes_on = not moved and side * self.turned_in_a_row >= 0
+        in_a_row = self.turned_in_a_row + side if goes_on else side
         return EpisodeStatistics(
             forwards=self.forwards + moved,
             turns=self.turns + abs(side),

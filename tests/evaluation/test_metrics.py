@@ -24,6 +24,9 @@ def test_a_full_rotation_goes_to_one_side():
     assert travelled([(R, 0.0)] * 73).full_rotations == 2
     assert travelled([(L, 0.0)] * 35 + [(R, 0.0)] * 35).full_rotations == 0
     assert travelled([(L, 0.0)] * 20 + [(F, 0.065)] + [(L, 0.0)] * 20).full_rotations == 0
+    # A robot that waits for somebody, or is held, has not moved.
+    for rest in ((Action.WAIT, 0.001), (F, 0.0)):
+        assert travelled([(L, 0.0)] * 20 + [rest] * 3 + [(L, 0.0)] * 16 + [rest]).full_rotations == 1
 
 
 def test_stage_rates():
