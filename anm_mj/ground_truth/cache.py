@@ -27,7 +27,7 @@ from anm_mj.utils.read_file import read_npy
 
 _logger = logging.getLogger(__name__)
 
-METHOD = 1
+METHOD = 2
 """Version of the search; a higher one ignores what older versions cached."""
 
 

@@ -14,6 +14,8 @@ from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, kept_pixels
 from anm_mj.types import TURN_STEP_RAD, Intrinsics, Pose2
 from anm_mj.utils.raycast import RayCaster
 
+_ROUNDING_RAD = 1e-6
+"""An image as wide as a whole number of turns shows what is at its rim [rad]."""
 _Points = Float32[np.ndarray, "n 3"]
 _Yaws = Int[np.ndarray, " n"]
 
@@ -52,10 +54,21 @@ class PixelRays:
         self._rotation = np.ascontiguousarray(T_world_camera[:, :3, :3])
         self._offset_m = np.ascontiguousarray(T_world_camera[:, :3, 3])
         self._ahead_rad = math.atan2(float(self._rotation[0, 1, 2]), float(self._rotation[0, 0, 2]))
-        half_width_rad = math.atan2(self._camera.width / 2.0, self._camera.fx)
-        most = int(half_width_rad / TURN_STEP_RAD)
+        most = int(self._half_width_rad() / TURN_STEP_RAD)
         self.yaws_aside = np.arange(-most, most + 1, dtype=np.int32)
         """Turns away from a target ahead that keep it in the image."""
+
+    def _half_width_rad(self) -> float:
+        """Largest angle, seen from above, between the camera's axis and a ray of its image."""
+        k, rotation = self._camera, self._rotation[0].astype(np.float64)
+        for x, y, z in (rotation[2], -rotation[2]):
+            # An image that shows what is straight above or below shows all directions.
+            if z > 0.0 and 0.0 <= k.fx * x + k.cx * z < k.width * z and 0.0 <= k.fy * y + k.cy * z < k.height * z:
+                return math.pi
+        u, v = (np.array([0.0, k.width]) - k.cx) / k.fx, (np.array([0.0, k.height]) - k.cy) / k.fy
+        corners = rotation @ np.stack([np.tile(u, 2), np.repeat(v, 2), np.ones(4)])
+        aside_rad = np.arctan2(corners[1], corners[0]) - self._ahead_rad
+        return float(np.abs((aside_rad + math.pi) % math.tau - math.pi).max()) + _ROUNDING_RAD
 
     @property
     def eye_z_m(self) -> float:

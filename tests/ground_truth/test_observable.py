@@ -167,3 +167,22 @@ def test_the_camera_turns_towards_what_it_is_told(world):
     assert rays.yaw_towards(delta).tolist() == [0, 9, 18, 27]
     assert rays.eye_z_m == pytest.approx(1.25)
     assert rays.yaws_aside.tolist() == list(range(-4, 5))
+
+
+@pytest.mark.parametrize(("tilt_deg", "widest"), [(0.0, 4), (-20.0, 5), (-40.0, 8), (40.0, 8), (-60.0, 18)])
+def test_the_turns_that_keep_a_target_in_the_image_are_those_of_a_tilted_camera(world, tilt_deg, widest):
+    vertices, faces, _ = world
+    tilt = math.radians(tilt_deg)
+    T_level_tilted = np.eye(4)
+    T_level_tilted[1:3, 1:3] = [[math.cos(tilt), -math.sin(tilt)], [math.sin(tilt), math.cos(tilt)]]
+    rays = PixelRays(RayCaster(vertices, faces), CameraExtrinsics(CAMERA, T_BASE_CAMERA @ T_level_tilted))
+    assert rays.yaws_aside.max() == -rays.yaws_aside.min() == widest
+
+    # Ahead, from the foot of the camera to as high above it.
+    height = np.linspace(-1.25, 1.25, 60)
+    away, height = (grid.ravel() for grid in np.meshgrid(np.linspace(0.1, 3.0, 60), height))
+    targets = np.stack([away, np.zeros_like(away), 1.25 + height], axis=1).astype(np.float32)
+    shown = np.arange(-18, 18)[
+        [rays.in_image(targets, np.zeros(2, np.float32), np.full(len(targets), k)).any() for k in range(-18, 18)]
+    ]
+    assert set(shown) <= set(rays.yaws_aside)
