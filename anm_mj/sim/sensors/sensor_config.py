@@ -50,7 +50,7 @@ class SensorConfig(Settings, group="sensor", error=RobotError):
     """No depth is measured nearer than this [m]."""
     max_range_m: float = _from_zero(0.0)
     """No depth is measured beyond this [m]; 0 = up to the camera's far plane."""
-    lateral_sigma_px: float = _from_zero(0.0)
+    lateral_sigma_px: float = _from_zero(0.0, at_most=1e6)
     """Standard deviation of the place in the image that a depth value comes from [px]."""
     edge_missing: float = _from_zero(0.0, at_most=1.0)
     """Probability that a pixel at a depth edge is not measured."""
