@@ -69,12 +69,13 @@ def mesh_quality(
     num_samples: int = NUM_SAMPLES,
     chair: tuple[float, float, float] | None = None,
     doors: Sequence[tuple[float, float, float, float]] = (),
-) -> tuple[MeshQuality, MeshQuality | None]:
+) -> tuple[MeshQuality, MeshQuality | None] | None:
     """Compare a mesh, world [m], with the true surface, of whose samples some were observed. Returns the quality of the
     whole, and culled to the observed surface; None if nothing was observed. Raises SceneError if the mesh has no area.
 
     A chair that was pushed (x [m], y [m], yaw [rad]) and leaves of doors (x and y of the hinge [m], yaw [rad], length
-    [m]) are no part of the true surface, and what the mesh has of them where they stand is not judged.
+    [m]) are no part of the true surface, and what the mesh has of them where they stand is not judged; None of a mesh
+    that has nothing else.
     """
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
     if chair is not None:
@@ -83,6 +84,8 @@ def mesh_quality(
         along, away_m = np.array([math.cos(yaw_rad), math.sin(yaw_rad)]), samples[:, :2] - (x_m, y_m)
         beside_m = away_m - (away_m @ along).clip(0.0, length_m)[:, None] * along
         samples = _without(samples, np.linalg.norm(beside_m, axis=1), LEAF)
+    if not len(samples):
+        return None
     to_truth_m = surface_distance(samples, truth.vertices.astype(np.float64), truth.faces)
     to_mesh_m = surface_distance(truth.samples.astype(np.float64), vertices.astype(np.float64), faces)
     _, nearest = KDTree(truth.samples).query(samples, workers=usual_num_threads())

@@ -56,6 +56,14 @@ def test_a_chair_is_no_ghost_where_it_stands():
     assert here[0].accuracy_cm == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_mesh_of_nothing_but_a_leaf_of_a_door_is_not_judged():
+    truth = truth_of(plate(4.0, 3.0, 0.0))
+    everything = np.ones(len(truth.samples), bool)
+    leaf = mesh_arrays(plate(0.8, 0.04, 1.0))
+    assert mesh_quality(*leaf, truth, everything, 5_000, doors=[(0.0, 0.0, 0.0, 0.8)]) is None
+    assert mesh_quality(*leaf, truth, everything, 5_000) is not None
+
+
 def test_half_a_mesh_is_accurate_but_not_complete():
     found = quality(plate(2.0, 3.0, 0.0), truth_of(plate(4.0, 3.0, 0.0)))
     assert found.accuracy_cm == pytest.approx(0.0, abs=1e-6)
