@@ -17,7 +17,9 @@ from anm_mj.evaluation.oracle.segments import NO_YAW
 from anm_mj.evaluation.oracle.tour_annealing import MAX_STOPS, Stop
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.run_shapes import StepShape
 from anm_mj.types import Pose2
+from anm_mj.utils.read_file import convert
 
 LEAST_TURNS = 3
 """Fewer turns in a row only follow a path."""
@@ -34,10 +36,10 @@ def read_trajectories(folders: str) -> list[list[Pose2]]:
     found = []
     for folder in filter(None, folders.split(os.pathsep)):
         try:
-            lines = read_jsonl(Path(folder) / "steps.jsonl")
-            found.append([Pose2(line["x_m"], line["y_m"], line["yaw_rad"]) for line in lines])
-        except (RunFolderError, KeyError, TypeError) as err:
+            lines = [convert(line, StepShape) for line in read_jsonl(Path(folder) / "steps.jsonl")]
+        except (RunFolderError, ValueError) as err:
             raise PlanError(f"policy.warm_start: {folder} is no run to begin from ({err}); give run folders.") from err
+        found.append([Pose2(line.x_m, line.y_m, line.yaw_rad) for line in lines])
     return found
 
 

@@ -128,6 +128,12 @@ def test_a_run_becomes_the_tour_that_it_drove():
 def test_a_folder_without_a_run_is_named(tmp_path):
     with pytest.raises(PlanError, match="is no run to begin from"):
         read_trajectories(str(tmp_path))
+    whole = '"action": "WAIT", "y_m": 0.0, "yaw_rad": 0.0, "collided": false, "moved_m": 0.0, "ms": {}'
+    (tmp_path / "steps.jsonl").write_text(
+        f'{{"step": 1, "x_m": 1e300, {whole}, "left_radps": 0.0, "right_radps": 0.0}}\n'
+    )
+    with pytest.raises(PlanError, match="is no run to begin from"):
+        read_trajectories(str(tmp_path))
 
 
 def test_the_oracle_is_no_worse_than_the_run_that_it_begins_from(rooms, bounded):
