@@ -1,11 +1,11 @@
 """Notices a camera that has stopped measuring, and keeps what it gives then out of the map.
 
 A frame that cannot be true is handed on without depth: one without any although the map expects some
-(:mod:`anm_mj.sensing.expected_view`), a black one without new depth of a camera that had colours, one that repeats the
-last although the robot moved, one of another shape, one without a pose. The map and the policies then learn nothing
-from it. So many of them in a row end the run. In the dark, images are black and depth is true. To see nothing where
-nothing is expected, such as beyond an edge, is a measurement. After a few such frames the robot has to look around; a
-whole turn without any depth is a fault all the same.
+(:mod:`anm_mj.sensing.expected_view`), a black one without depth of a camera that had colours, or without new depth
+although the robot moved, one that repeats the last although the robot moved, one of another shape, one without a pose.
+The map and the policies then learn nothing from it. So many of them in a row end the run. In the dark, images are black
+and depth is true. To see nothing where nothing is expected, such as beyond an edge, is a measurement. After a few such
+frames the robot has to look around; a whole turn without any depth is a fault all the same.
 Single pixels that nothing beside them agrees with are left out, and a jump of the pose is undone where the map says
 that the robot did not jump (:mod:`anm_mj.sensing.pose_check`).
 """
@@ -174,9 +174,11 @@ class SensorMonitor:
             faulty = True
         black = int(observation.rgb.max(initial=0)) <= BLACK_LEVEL
         self._has_colour |= not black
-        # In the dark, or among black walls, the depth goes on.
-        good = not black or not self._has_colour or faulty or _has_new_depth(self._last, observation)
-        if not self._count(BLACK, good, observation):
+        # In the dark, or among black walls, the depth goes on; before a robot that stands still it is the same, and
+        # tells nothing about the camera.
+        before = self._last if moved else None
+        good = not black or not self._has_colour or faulty or _has_new_depth(before, observation)
+        if (moved or not black or not good) and not self._count(BLACK, good, observation):
             faulty = True
         self._last, self._sees = raw, not faulty
         judge = None if faulty else sdf_m

@@ -239,6 +239,22 @@ def test_depth_that_goes_on_behind_black_images_is_believed():
     assert "black images" in monitor.fault
 
 
+def test_a_robot_may_stand_still_in_the_dark():
+    monitor, seen = SensorMonitor(), box_view(Pose2(-0.5, 0.1, 0.7))
+    monitor.check(coloured(seen))
+    dark = replace(box_view(Pose2(-0.5, 0.1, 0.8)), rgb=np.zeros_like(seen.rgb))
+    monitor.check(dark, moved=True)
+    for _ in range(PATIENCE_FRAMES):
+        assert np.isfinite(monitor.check(dark, action=Action.WAIT).depth_m).all()
+    assert monitor.fault is None
+    # Neither proves that a camera which shows the same after every turn is in order.
+    for count in range(PATIENCE_FRAMES):
+        noisy = replace(dark, rgb=np.full_like(dark.rgb, 1 + count % 2))
+        monitor.check(noisy, action=Action.TURN_LEFT, moved=True)
+        monitor.check(noisy, action=Action.MOVE_FORWARD)
+    assert "black images" in monitor.fault
+
+
 def test_a_camera_that_raises_ends_the_run_with_what_it_said(caplog):
     def fails(seen):
         raise OSError("the cable is loose")
