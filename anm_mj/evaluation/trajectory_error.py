@@ -83,9 +83,11 @@ def trajectory_error(frames: Sequence[FrameRecord]) -> TrajectoryError:
     error_m = np.linalg.norm(believed[:, :3, 3] - true[:, :3, 3], axis=1)
     T_true_believed = alignment(believed[:, :3, 3], true[:, :3, 3])
     aligned = believed[:, :3, 3] @ T_true_believed[:3, :3].T + T_true_believed[:3, 3]
-    path = np.cumsum(np.linalg.norm(np.diff(true[:, :3, 3], axis=0, prepend=true[:1, :3, 3]), axis=1))
-    steps = [true[max(k - 1, 0), :3, :3].T @ true[k, :3, :3] for k in range(len(true))]
-    turned = np.cumsum([_angle(step) for step in steps])
+    # What was driven while the robot was lost counts as driven.
+    every, is_known = np.array([frame.T_true_camera for frame in frames]), [not frame.is_lost for frame in frames]
+    path = np.cumsum(np.linalg.norm(np.diff(every[:, :3, 3], axis=0, prepend=every[:1, :3, 3]), axis=1))[is_known]
+    steps = [every[max(k - 1, 0), :3, :3].T @ every[k, :3, :3] for k in range(len(every))]
+    turned = np.cumsum([_angle(step) for step in steps])[is_known]
     over_path, over_turn = _drift(believed, true, path, RPE_M), _drift(believed, true, turned, RPE_RAD)
     last = known[-1]
     heading = wrap_angle(last.pose.yaw_rad - last.true_pose.yaw_rad)
@@ -186,12 +188,16 @@ def alignment(from_m: Float[np.ndarray, "n 3"], to_m: Float[np.ndarray, "n 3"]) 
 def _drift(
     believed: Float[np.ndarray, "n 4 4"], true: Float[np.ndarray, "n 4 4"], along: Float[np.ndarray, " n"], reach: float
 ) -> Float64[np.ndarray, "k 2"]:
-    """Drift in position [m] and rotation [rad] from each frame to the first one that is ``reach`` farther along."""
+    """Drift in position [m] and rotation [rad] from each frame to the first one that is ``reach`` farther along, if it
+    is not as far again: of what lies between, nothing is known.
+    """
     ends = np.searchsorted(along, along + (reach - _ROUNDING))
     found = []
     for begin, end in enumerate(ends.tolist()):
         if end >= len(along):
             break
+        if along[end] - along[begin] > 2.0 * reach:
+            continue
         moved_believed = np.linalg.solve(believed[begin], believed[end])
         moved_true = np.linalg.solve(true[begin], true[end])
         apart = np.linalg.solve(moved_true, moved_believed)

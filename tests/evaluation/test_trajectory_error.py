@@ -1,5 +1,6 @@
 """The error of a tracked camera against poses that somebody else measured, in a world and at times of their own."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +16,10 @@ from anm_mj.evaluation.trajectory_error import (
     trajectory_error,
     warn_of_assumed_times,
 )
+from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.sequence_poses import base_pose, camera_line
+from anm_mj.types import Pose2
 
 
 def pose(t):
@@ -84,6 +87,22 @@ def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
     assert found.position_rmse_cm == pytest.approx(10.0 * np.sqrt((count - 1) / count), rel=1e-3)
     assert found.ate_rmse_cm < 2.0
     assert found.final_position_error_cm == pytest.approx(10.0, rel=1e-3)
+
+
+def test_drift_over_a_metre_is_not_that_of_a_way_on_which_the_robot_was_lost():
+    """It follows its way exactly, is lost on a circle of 13 m, and goes on from where it began, turned by 6 degrees."""
+    true, believed, records = Pose2(0.0, 0.0, 0.0), Pose2(0.0, 0.0, 0.0), []
+    for step in range(400):
+        is_lost = 100 <= step < 300
+        true = move_pose(true, 0.065, math.tau / 200 * is_lost)
+        believed = move_pose(believed, 0.065, (math.tau / 200 + 0.0005) * is_lost)
+        poses = believed, pose_matrix(believed), true, pose_matrix(true)
+        records.append(FrameRecord(step, 0.2 * step, *poses, is_lost=is_lost))
+    found = trajectory_error(records)
+    assert found.rpe_cm_per_m == pytest.approx(0.0, abs=1e-6)
+    assert found.rpe_deg_per_m == pytest.approx(0.0, abs=1e-6)
+    assert found.rpe_deg_per_quarter_turn is None
+    assert found.final_heading_error_deg == pytest.approx(math.degrees(0.1))
 
 
 def test_nine_turns_by_ten_degrees_are_a_quarter_turn():
