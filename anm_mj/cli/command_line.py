@@ -139,7 +139,9 @@ def find(prog: str, group: Group, words: Sequence[str]) -> tuple[str, Command, S
         fail(prog, f"name one of {', '.join(group.commands)}")
     word, *rest = words
     if word in ("-h", "--help"):
-        sys.stdout.write(_group_help(prog, group))
+        from anm_mj.cli.console import say_result
+
+        say_result(_group_help(prog, group))
         sys.exit(0)
     if word not in group.commands:
         fail(prog, f"invalid choice: '{word}' (choose from {', '.join(group.commands)})")
@@ -198,7 +200,7 @@ def _group_help(prog: str, group: Group) -> str:
     for word, found in group.commands.items():
         summary = found.summary if isinstance(found, Group) else parameter_texts(found)[0]
         lines.append(f"  {word:<12}{summary}")
-    return "\n".join([*lines, ""])
+    return "\n".join(lines)
 
 
 def _field_arguments(config: type, known: Mapping[str, Option]) -> list[Argument]:

@@ -1,7 +1,6 @@
 """``anm-mj completion``: what makes a shell complete commands, options and their choices."""
 
 import shlex
-import sys
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
@@ -16,8 +15,7 @@ CASES
   esac
   [[ $words == -* && $2 != -* ]] || COMPREPLY=($(compgen -W "$words" -- "$2"))
 }
-complete -o default -F _anm_mj anm-mj
-"""
+complete -o default -F _anm_mj anm-mj"""
 _ZSH = """\
 _anm_mj() {
   local words_of_it= before="${(j: :)words[2,CURRENT-1]} "
@@ -26,8 +24,7 @@ CASES
   esac
   [[ -z $words_of_it || ( $words_of_it == -* && $PREFIX != -* ) ]] && _files || compadd -- ${=words_of_it}
 }
-compdef _anm_mj anm-mj
-"""
+compdef _anm_mj anm-mj"""
 
 
 class _Place(NamedTuple):
@@ -50,15 +47,16 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
     Args:
         shell: your shell
     """
+    from anm_mj.cli.console import say_result
     from anm_mj.cli.main import COMMANDS
 
     places = list(_places((), COMMANDS))
     if shell == "fish":
-        sys.stdout.write("".join(f"{line}\n" for place in places for line in _fish(place)))
+        say_result("\n".join(line for place in places for line in _fish(place)))
         return 0
     # The longest come first: a choice stands behind an option, and that behind its command.
     cases = "\n".join(_case(place, "words" if shell == "bash" else "words_of_it") for place in reversed(places))
-    sys.stdout.write((_BASH if shell == "bash" else _ZSH).replace("CASES", cases))
+    say_result((_BASH if shell == "bash" else _ZSH).replace("CASES", cases))
     return 0
 
 

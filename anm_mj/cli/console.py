@@ -1,5 +1,6 @@
 """Consoles of the command line, on which no file of others commands the terminal; progress bars, and where logs go."""
 
+import errno
 import json
 import logging
 import os
@@ -12,6 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from anm_mj.cli.command_line import Manner
+from anm_mj.errors import RunFolderError
 from anm_mj.utils.progress import Progress
 
 UNUSABLE = 1
@@ -44,6 +46,20 @@ class PlainConsole(Console):
         """What is printed for a text, alone or in a cell of a table."""
         return super().render_str(printable(text), **options)
 
+    def _check_buffer(self) -> None:
+        """Write what was printed. Raises RunFolderError, whose sentence a run completes, where the disk is full."""
+        try:
+            super()._check_buffer()
+        except OSError as err:
+            # A terminal that was closed, of a program that goes on without it.
+            if err.errno == errno.EIO:
+                self.on_broken_pipe()
+                return
+            raise RunFolderError(
+                f"What the program prints cannot be written ({err.strerror}); free some space, or print to another "
+                "place."
+            ) from err
+
     def on_broken_pipe(self) -> None:
         """Be silent from now on: whoever read the output has enough, and the command goes on to its end."""
         self.quiet = True
@@ -56,13 +72,18 @@ class PlainConsole(Console):
             self.print(line, style=style, highlight=False, soft_wrap=True)
 
 
-def say_json(facts: object) -> None:
-    """Print a result for programs."""
-    from anm_mj.io.to_json import to_json
-
+def say_result(text: str) -> None:
+    """Print a text that was asked for, also where nothing else is printed."""
     console = PlainConsole()
     console.quiet = False
-    console.print(json.dumps(to_json(facts), indent=2), soft_wrap=True, highlight=False)
+    console.say(text)
+
+
+def say_json(facts: object) -> None:
+    """Print a result for programs as JSON."""
+    from anm_mj.io.to_json import to_json
+
+    say_result(json.dumps(to_json(facts), indent=2))
 
 
 def say_problems(problems: Sequence[str]) -> int:

@@ -4,6 +4,7 @@ Wrong input ends with one sentence and exit status 2. Heavy packages are importe
 that ``--help`` and a mistyped option answer at once.
 """
 
+import io
 import os
 import sys
 import traceback
@@ -56,9 +57,12 @@ COMMANDS = Group(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit status."""
+    _open_streams()
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ["--version"]:
-        sys.stdout.write(f"{PROGRAM} {version()}\n")
+        from anm_mj.cli.console import say_result
+
+        say_result(f"{PROGRAM} {version()}")
         return 0
     try:
         _require_text(words)
@@ -106,6 +110,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     # What a library says within the sentence may come in several lines.
     console.print(f"{PROGRAM}: {' '.join(sentence.split())}", style="red", highlight=False, soft_wrap=True)
     return USAGE_ERROR
+
+
+def _open_streams() -> None:
+    """Let the program print whatever its output is: closed, or of an encoding that lacks some letters."""
+    # A file that is opened gets the number of a closed stream, and with it what libraries print.
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(descriptor)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _require_text(words: Sequence[str]) -> None:

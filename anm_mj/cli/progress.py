@@ -157,7 +157,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupt:
-    """The first signal ends the run after its present step, and prints what is ``said``; the second ends the program.
+    """The first signal ends the run after its present step, and prints what is ``said``; a second one, but for SIGHUP,
+    ends the program.
 
     What is ignored stays ignored, such as SIGHUP below ``nohup``.
     """
@@ -186,12 +187,13 @@ class Interrupt:
         return self.is_requested
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self.is_requested:
+        # The end of a session sends SIGTERM, and SIGHUP right behind it.
+        if self.is_requested and number != signal.SIGHUP:
             signal.default_int_handler(number, frame)
         self.is_requested = True
         if number == signal.SIGHUP:
             # The terminal is gone: what is written to it from now on would end the program before the files.
-            nowhere = open(os.devnull, "w")  # noqa: SIM115
+            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
             self._console.file = sys.stdout = sys.stderr = nowhere
         self._console.print(self._said)
 

@@ -6,6 +6,7 @@ import logging
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -15,6 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 from anm_mj.cli.console import PlainConsole, log_to, printable
+from anm_mj.cli.main import COMMANDS, main
+from anm_mj.cli.progress import Interrupt
 from anm_mj.utils.extras import EXTRAS
 from tests.scene.small import make_small_scene
 
@@ -53,6 +56,71 @@ raise SystemExit(7)
         assert process.stderr is not None
         assert process.stderr.read() == b""
     assert process.returncode == 7
+
+
+def test_a_terminal_that_was_closed_ends_nothing_and_says_nothing():
+    program = """
+from anm_mj.cli.console import PlainConsole
+console = PlainConsole()
+console.say("line")
+input()
+console.say("line")
+raise SystemExit(7)
+"""
+    terminal, end = os.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=end, stderr=subprocess.PIPE, text=True
+    ) as process:
+        os.close(end)
+        assert os.read(terminal, 4) == b"line"
+        os.close(terminal)
+        assert process.communicate("\n")[1] == ""
+    assert process.returncode == 7
+
+
+@pytest.mark.parametrize("words", ["--version", "completion bash", "completion fish", "scene --help", "scene list"])
+def test_what_nobody_reads_is_not_missed(words):
+    command = f"{sys.executable} -m anm_mj.cli {words}"
+    done = subprocess.run(["bash", "-c", f"{command} >&- && {command} | true"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_full_disk_behind_the_output_is_named():
+    program = "import sys; from anm_mj.cli.main import main; sys.exit(main(['scene', 'list']))"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-c", program], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert "anm-mj: What the program prints cannot be written (No space left on device); free some space" in done.stderr
+    assert "unforeseen" not in done.stderr
+
+
+def test_letters_that_the_output_lacks_are_escaped(monkeypatch):
+    def speaks():
+        PlainConsole().say("step 50 · 3 %")
+        return 0
+
+    monkeypatch.setitem(COMMANDS.commands, "doctor", speaks)
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    assert main(["doctor"]) == 0
+    assert written.getvalue() == b"step 50 \\xb7 3 %\n"
+
+
+def test_a_closed_terminal_on_top_of_an_announced_end_ends_nothing_at_once(monkeypatch):
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, io.StringIO())  # The signal takes them away.
+    # Below nohup, SIGHUP is ignored.
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with Interrupt(PlainConsole()) as interrupt:
+            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(signal.SIGHUP)
+            assert interrupt.is_requested
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+        sys.stdout.close()
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @pytest.mark.parametrize("home", [None, pytest.param("/proc/nowhere", marks=pytest.mark.slow)])
