@@ -7,8 +7,8 @@ but for times. Files of a run folder are data: nothing in them is executed.
 
 import logging
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from anm_mj.checkpoint.going_on import (
 )
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves, read_config
-from anm_mj.errors import CheckpointError
+from anm_mj.errors import CheckpointError, RobotError, SceneError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.events import Observer
 from anm_mj.io.folder_hold import held
@@ -82,7 +82,7 @@ def resume(
         config = _config(folder, policy, kind)
         store = CheckpointStore(folder.checkpoints)
         stored = store.newest(lambda state: _require_logs(folder, state))
-        with assemble(config, observers) as parts:
+        with _found(folder, assemble(config, observers), config) as parts:
             _require_same_world(folder, parts)
             _require_same_settings(folder, stored, parts)
             say_other_engine(stored, parts.mapper.backend.name)
@@ -102,6 +102,25 @@ def resume(
                 begin -= float(stored.facts.get("wall_s", 0.0))
                 with of_stored_state(stored, store), saying_how_to_go_on(folder, parts.config):
                     return folder, run_loop(parts, folder, recorder, state, observers, begin)
+
+
+@contextmanager
+def _found(folder: RunFolder, assembled: AbstractContextManager[Parts], config: RunConfig) -> Iterator[Parts]:
+    """The parts of a run. Raises CheckpointError where its scene or robot is not found, with what to do: a resumed run
+    is told of neither.
+    """
+    with ExitStack() as stack:
+        try:
+            parts = stack.enter_context(assembled)
+        except (SceneError, RobotError) as err:
+            # Of a live robot, the network is meant.
+            if config.COMMAND != RunConfig.COMMAND:
+                raise
+            raise CheckpointError(
+                f"{err} The run goes on with the scene and the robot that {folder.config} names, as seen from the "
+                "folder that it was begun in; where one has moved, write its present place there."
+            ) from err
+        yield parts
 
 
 def _config(folder: RunFolder, policy: str | None, kind: type[RunConfig]) -> RunConfig:

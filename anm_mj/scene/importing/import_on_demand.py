@@ -3,9 +3,11 @@
 import hashlib
 import logging
 import os
+import shlex
 from itertools import chain
 from pathlib import Path
 
+from anm_mj.errors import SceneError
 from anm_mj.mjcf.read_mjcf import is_mjcf, named_files
 from anm_mj.scene.folder import TOML, XML
 from anm_mj.scene.importing.named_scenes import find_named, is_name
@@ -23,7 +25,7 @@ def folder_of(name_or_path: str) -> str:
     """What names a scene folder for what a user gave: a file, or a data set's scene, is imported first.
 
     Imported scenes are kept in the user's cache folder, until the file or what lies beside it changes. Raises
-    SceneError if the file cannot be imported.
+    SceneError if the file cannot be imported, or the cache cannot be written.
     """
     path = Path(name_or_path)
     if is_name(name_or_path):
@@ -38,12 +40,27 @@ def folder_of(name_or_path: str) -> str:
         # Its libraries take a second and 40 MB, which a run in a scene of the catalogue does not need.
         from anm_mj.scene.importing.import_scene import import_scene
 
+        _require_writable(out.parent, name_or_path)
         import_scene(Path(name_or_path), out, name=path.stem)
         _logger.info(
             "imported %s as it is; `anm-mj scene import` has options, and keeps the scene where you want it",
             name_or_path,
         )
     return str(out)
+
+
+def _require_writable(cache: Path, source: str) -> None:
+    """Raises SceneError if the cache cannot be written, before the work of an import is lost."""
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        writable = os.access(cache, os.W_OK)
+    except OSError:
+        writable = False
+    if not writable:
+        raise SceneError(
+            f"{source} is imported into {cache} first, which cannot be written: name another place for the cache by "
+            f"XDG_CACHE_HOME, or import it where you may write, by anm-mj scene import {shlex.quote(source)} DIR."
+        )
 
 
 def _state_of(path: Path) -> str:

@@ -162,6 +162,14 @@ def test_a_file_is_imported_on_the_fly_and_again_when_it_changes(tmp_path):
     assert folder_of(str(Path(first) / "scene.xml")) == first
 
 
+def test_a_cache_that_cannot_be_written_is_named_with_what_to_do(tmp_path, monkeypatch):
+    src = write_world(tmp_path / "a src" / "hut.xml", room_xml(2.0))
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(SceneError, match=r"XDG_CACHE_HOME, or .* anm-mj scene import '.*/a src/hut.xml' DIR"):
+        folder_of(str(src))
+
+
 def test_explore_takes_a_file(tmp_path, monkeypatch):
     src = write_world(tmp_path / "src" / "hut.xml", room_xml(2.0))
     seen = []
