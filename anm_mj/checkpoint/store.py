@@ -175,18 +175,24 @@ class Checkpointer:
         """Take a checkpoint where one is due. So far there were ``step`` actions, and the loop took ``loop_s`` [s].
         Raises RunFolderError if not even a first one could be written: the run would lose all at its end.
         """
-        if self._failed is not None:
-            raise RunFolderError(
-                f"No checkpoint can be written in {self._store.folder.parent} "
-                f"({self._failed.strerror or self._failed}); free some space, choose another folder, or do without by "
-                "--set checkpoint.every_steps=0."
-            )
+        self._require_first()
         if not self._enabled or step == self.last_step:
             return
         since = math.inf if self.last_step is None else step - self.last_step
         is_writing = self._thread is not None and self._thread.is_alive()
         if since >= self._config.every_steps and not is_writing and self._is_affordable(loop_s):
             self._take(step)
+            # What the loop knows by now is said before the robot drives; what the thread meets, later.
+            if self._thread is None:
+                self._require_first()
+
+    def _require_first(self) -> None:
+        if self._failed is not None:
+            raise RunFolderError(
+                f"No checkpoint can be written in {self._store.folder.parent} "
+                f"({self._failed.strerror or self._failed}); free some space, choose another folder, or do without by "
+                "--set checkpoint.every_steps=0."
+            )
 
     def finish(self, step: int, *, resumable: bool) -> None:
         """End: with a last checkpoint where the run may be resumed, else with all of them removed."""

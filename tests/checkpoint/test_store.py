@@ -1,5 +1,7 @@
 import logging
 import os
+import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from anm_mj.checkpoint.checkpoint_file import read_checkpoint
 from anm_mj.checkpoint.encode import encode
 from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
-from anm_mj.errors import CheckpointError
+from anm_mj.errors import CheckpointError, RunFolderError
 
 STATE = {"numbers": np.arange(1000.0), "step": 7}
 
@@ -127,6 +129,12 @@ def test_what_a_failed_checkpoint_was_to_force_to_the_disk_is_left_to_the_next(s
     assert checkpointer.synced_step == 9
 
 
+def test_a_disk_without_room_for_the_first_is_said_before_the_next_step(store, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=0))
+    with pytest.raises(RunFolderError, match=r"No checkpoint can be written .* more than the disk has free"):
+        make(store, {"root": [1]}).after_step(0, 0.0)
+
+
 def make(store, roots, **settings):
     return Checkpointer(store, CheckpointConfig(**settings), lambda: roots, lambda: ({}, []), KnownClasses())
 
@@ -171,12 +179,11 @@ def test_state_that_cannot_be_stored_is_said_once_and_told_to_who_resumes(store,
         store.newest()
 
 
-@pytest.mark.parametrize("stage", ["draft", "complete"])
-def test_a_failed_write_is_one_warning_and_the_run_goes_on(store, caplog, monkeypatch, stage):
+def test_a_failed_write_is_one_warning_and_the_run_goes_on(store, caplog, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store, stage, full)
+    monkeypatch.setattr(store, "complete", full)
     checkpointer = make(store, {"root": [1]})
     checkpointer.after_step(0, 0.0)
     checkpointer.finish(0, resumable=True)
