@@ -93,9 +93,10 @@ def run_bench(
     """
     if num_workers < 1:
         raise BenchError(f"--workers is {num_workers}; at least 1 is needed.")
-    # Policies of the user's own lie where the command is given, or beside the file.
+    # Policies of the user's own lie where the command is given, or beside the file. No file there takes the place of a
+    # module of Python's.
     modules = tuple(dict.fromkeys((str(Path.cwd()), str(file.resolve().parent))))
-    sys.path[:0] = [folder for folder in modules if folder not in sys.path]
+    sys.path += [folder for folder in modules if folder not in sys.path]
     jobs = read_jobs(file, policies)
     # The folders of this machine are private.
     text = shlex.join(Path(word).name if Path(word).is_absolute() else word for word in command)

@@ -62,14 +62,13 @@ def execute(
     attempt = Path(runs) / f".{job.name}-{uuid.uuid4().hex[:8]}"
     attempt.mkdir(parents=True)
     log = attempt / LOG
-    path = os.pathsep.join([*modules, *filter(None, [os.environ.get("PYTHONPATH")])])
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "PYTHONPATH": path}
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
     if egl_device is not None:
         # egl alone: another back-end must not take the place of a device that is not there.
         environment |= {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": str(egl_device)}
     with log.open("wb") as output:
         process = start(
-            [sys.executable, "-m", "anm_mj.bench.worker", function],
+            [sys.executable, "-P", "-m", "anm_mj.bench.worker", function],
             stdin=subprocess.PIPE,
             stdout=output,
             stderr=subprocess.STDOUT,
@@ -77,7 +76,7 @@ def execute(
         )
         assert process.stdin is not None
         try:
-            order = json.dumps({"job": asdict(job), "folder": str(attempt / "run")}) + "\n"
+            order = json.dumps({"job": asdict(job), "folder": str(attempt / "run"), "modules": modules}) + "\n"
             process.stdin.write(order.encode())
             process.stdin.flush()
             status = process.wait()

@@ -67,6 +67,7 @@ def explore(job: Job, folder: Path) -> None:
 def main(function: str) -> int:
     """Read a job from the standard input, execute it, and return the exit status."""
     line = json.loads(sys.stdin.readline())
+    sys.path += line["modules"]
     job = convert(line["job"], Job)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, name = function.partition(":")

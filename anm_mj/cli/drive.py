@@ -57,8 +57,9 @@ def drive(
     from anm_mj.ros.drive import drive as drive_robot
     from anm_mj.ros.drive_config import DriveConfig
 
-    # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
-    sys.path.insert(0, os.getcwd())
+    # The modules of the working directory can be imported: a policy of the user's own. They come last, so that a file
+    # there that is named like a module of Python's does not take its place.
+    sys.path.append(os.getcwd())
     if resume is not None:
         policy = options.pop("policy", None)
         own = {"out": out, "namespace": namespace or None, "topic": topic or None, "steps": steps, "pose": pose}

@@ -94,8 +94,9 @@ def explore(
         verbose: show details
         **setup: options of a run that begins
     """
-    # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
-    sys.path.insert(0, os.getcwd())
+    # The modules of the working directory can be imported: a policy of the user's own. They come last, so that a file
+    # there that is named like a module of Python's does not take its place.
+    sys.path.append(os.getcwd())
     if not view:
         refuse_idle({"--port": port}, "nothing is shown; add --view")
     if resume is not None:

@@ -116,8 +116,9 @@ def map_recorded(
     from anm_mj.sequence_check.warn_and_fix import BeforeMapping
     from anm_mj.types import Footprint
 
-    # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
-    sys.path.insert(0, os.getcwd())
+    # The modules of the working directory can be imported: a policy of the user's own. They come last, so that a file
+    # there that is named like a module of Python's does not take its place.
+    sys.path.append(os.getcwd())
     if not 0.0 < radius < height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
     if not view:

@@ -67,6 +67,8 @@ def test_a_policy_beside_the_file_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "beside").mkdir()
     (tmp_path / "beside" / "bench_own.py").write_text(OWN)
+    # What is named like a module of Python's is nobody's policy.
+    (tmp_path / "beside" / "json.py").write_text("raise RuntimeError")
     file = tmp_path / "beside" / "own.toml"
     file.write_text('scenes = ["home"]\npolicies = ["bench_own:MyPolicy"]\nsteps = 300\n')
 
