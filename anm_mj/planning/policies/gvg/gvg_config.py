@@ -17,7 +17,7 @@ class GvgConfig(PolicyConfig):
     bootstrap_turns: int = setting(AS_MANY_AS_NEEDED, at_least=AS_MANY_AS_NEEDED)
     """Turns of the first rotation, of 10 degrees each; -1 = as many as show all around to the robot's camera, 27 for a
     view of 90 degrees."""
-    gain_range_m: float = setting(4.5, at_least=0.5)
+    gain_range_m: float = setting(4.5, at_least=0.5, at_most=100.0)
     """A view is expected to show surface up to this distance [m]."""
     num_elevations: int = setting(12, at_most=360)
     """Elevations of the rays that compute gain, within the camera's vertical field of view."""
