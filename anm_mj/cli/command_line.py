@@ -19,6 +19,7 @@ import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, NoReturn, Union, get_args, get_origin, get_type_hints
 
+from anm_mj.cli.streams import say_result
 from anm_mj.errors import AnmError
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.docstrings import field_texts, parameter_texts
@@ -94,6 +95,9 @@ class Argument(NamedTuple):
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence, without the usage in front of it."""
 
+    def print_help(self, file: object = None) -> None:
+        say_result(self.format_help().rstrip())
+
     def error(self, message: str) -> NoReturn:
         self.exit(USAGE_ERROR, f"{self.prog}: {message}{self._hint(message)}; see {self.prog} --help.\n")
 
@@ -139,8 +143,6 @@ def find(prog: str, group: Group, words: Sequence[str]) -> tuple[str, Command, S
         fail(prog, f"name one of {', '.join(group.commands)}")
     word, *rest = words
     if word in ("-h", "--help"):
-        from anm_mj.cli.console import say_result
-
         say_result(_group_help(prog, group))
         sys.exit(0)
     if word not in group.commands:

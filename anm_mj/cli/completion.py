@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 from anm_mj.cli.command_line import Group, arguments, manner_options
+from anm_mj.cli.streams import say_result
 from anm_mj.utils.docstrings import parameter_texts
 
 _BASH = """\
@@ -47,7 +48,6 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
     Args:
         shell: your shell
     """
-    from anm_mj.cli.console import say_result
     from anm_mj.cli.main import COMMANDS
 
     places = list(_places((), COMMANDS))

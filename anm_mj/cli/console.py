@@ -1,6 +1,5 @@
 """Consoles of the command line, on which no file of others commands the terminal; progress bars, and where logs go."""
 
-import errno
 import json
 import logging
 import os
@@ -13,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from anm_mj.cli.command_line import Manner
-from anm_mj.errors import RunFolderError
+from anm_mj.cli.streams import give_up, say_result, silence
 from anm_mj.utils.progress import Progress
 
 UNUSABLE = 1
@@ -47,36 +46,25 @@ class PlainConsole(Console):
         return super().render_str(printable(text), **options)
 
     def _check_buffer(self) -> None:
-        """Write what was printed. Raises RunFolderError, whose sentence a run completes, where the disk is full."""
+        """Write what was printed. Raises RunFolderError where the disk is full, unless that is where errors go."""
         try:
             super()._check_buffer()
         except OSError as err:
-            # A terminal that was closed, of a program that goes on without it.
-            if err.errno == errno.EIO:
-                self.on_broken_pipe()
-                return
-            raise RunFolderError(
-                f"What the program prints cannot be written ({err.strerror}); free some space, or print to another "
-                "place."
-            ) from err
+            self.quiet = True
+            if self.stderr:
+                silence(self.file)
+            else:
+                give_up(self.file, err)
 
     def on_broken_pipe(self) -> None:
         """Be silent from now on: whoever read the output has enough, and the command goes on to its end."""
         self.quiet = True
-        # What Python flushes at its end goes there too.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+        silence(self.file)
 
     def say(self, *lines: str, style: str | None = None) -> None:
         """Print lines as long as they are, so that they can be copied and stored."""
         for line in lines:
             self.print(line, style=style, highlight=False, soft_wrap=True)
-
-
-def say_result(text: str) -> None:
-    """Print a text that was asked for, also where nothing else is printed."""
-    console = PlainConsole()
-    console.quiet = False
-    console.say(text)
 
 
 def say_json(facts: object) -> None:

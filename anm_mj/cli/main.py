@@ -4,7 +4,6 @@ Wrong input ends with one sentence and exit status 2. Heavy packages are importe
 that ``--help`` and a mistyped option answer at once.
 """
 
-import io
 import os
 import sys
 import traceback
@@ -25,6 +24,7 @@ from anm_mj.cli.robot import robot_check
 from anm_mj.cli.scene import scene_generate, scene_import, scene_list
 from anm_mj.cli.scene_check import scene_check
 from anm_mj.cli.simulate import simulate
+from anm_mj.cli.streams import open_streams, say_error, say_result
 from anm_mj.cli.view import view
 from anm_mj.errors import AnmError
 from anm_mj.utils.extras import missing_package
@@ -57,19 +57,20 @@ COMMANDS = Group(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit status."""
-    _open_streams()
+    open_streams()
     words = list(sys.argv[1:] if argv is None else argv)
-    if words[:1] == ["--version"]:
-        from anm_mj.cli.console import say_result
-
-        say_result(f"{PROGRAM} {version()}")
-        return 0
     try:
+        if words[:1] == ["--version"]:
+            say_result(f"{PROGRAM} {version()}")
+            return 0
         _require_text(words)
         prog, command, rest = find(PROGRAM, COMMANDS, words)
         given, manner = parse(prog, command, rest)
     except SystemExit as end:
         return int(end.code or 0)
+    except AnmError as err:
+        say_error(f"{PROGRAM}: {err}")
+        return USAGE_ERROR
     from anm_mj.cli.console import PlainConsole, log_to, say_json
     from anm_mj.utils.files import home_folder, nowhere_folder
 
@@ -110,20 +111,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     # What a library says within the sentence may come in several lines.
     console.print(f"{PROGRAM}: {' '.join(sentence.split())}", style="red", highlight=False, soft_wrap=True)
     return USAGE_ERROR
-
-
-def _open_streams() -> None:
-    """Let the program print whatever its output is: closed, or of an encoding that lacks some letters."""
-    # A file that is opened gets the number of a closed stream, and with it what libraries print.
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
-        pass
-    os.close(descriptor)
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-        elif isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
 
 
 def _require_text(words: Sequence[str]) -> None:
