@@ -175,8 +175,9 @@ class SensorMonitor:
         black = int(observation.rgb.max(initial=0)) <= BLACK_LEVEL
         self._has_colour |= not black
         # In the dark, or among black walls, the depth goes on; before a robot that stands still it is the same, and
-        # tells nothing about the camera.
-        before = self._last if moved else None
+        # tells nothing about the camera: what was not believed is not believed then either.
+        stale = self._in_a_row[BLACK] or self._in_a_row[REPEATED]
+        before = self._last if moved or stale else None
         good = not black or not self._has_colour or faulty or _has_new_depth(before, observation)
         if (moved or not black or not good) and not self._count(BLACK, good, observation):
             faulty = True

@@ -250,9 +250,12 @@ def test_a_robot_may_stand_still_in_the_dark():
     # Neither proves that a camera which shows the same after every turn is in order.
     for count in range(PATIENCE_FRAMES):
         noisy = replace(dark, rgb=np.full_like(dark.rgb, 1 + count % 2))
-        monitor.check(noisy, action=Action.TURN_LEFT, moved=True)
-        monitor.check(noisy, action=Action.MOVE_FORWARD)
+        assert np.isnan(monitor.check(noisy, action=Action.TURN_LEFT, moved=True).depth_m).all()
+        assert np.isnan(monitor.check(noisy, action=Action.MOVE_FORWARD).depth_m).all()
     assert "black images" in monitor.fault
+    # Nor is the same image again one of what the robot has turned to.
+    for moved in (True, False):
+        assert np.isnan(monitor.check(noisy, action=Action.TURN_LEFT, moved=moved).depth_m).all()
 
 
 def test_a_camera_that_raises_ends_the_run_with_what_it_said(caplog):
