@@ -32,7 +32,7 @@ from anm_mj.utils.read_file import read_json
 
 _logger = logging.getLogger(__name__)
 
-METHOD = 5
+METHOD = 6
 """Version of the search; a higher one ignores tours that older versions cached."""
 LEVELS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Shares of the observable surface; the greedy tour goes to the first that is not reached."""
