@@ -297,7 +297,8 @@ def test_a_policy_that_fails_leaves_a_complete_run_and_a_sentence(capsys, tmp_pa
 def test_a_file_that_is_named_like_a_module_of_pythons_does_not_take_its_place(tmp_path):
     (tmp_path / "queue.py").write_text("raise RuntimeError")
     program = "import sys; from anm_mj.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    words = ["explore", "room", "--steps", "1", "--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
+    settings = ["image_px=32", "mapping.schedule.first_iterations=5", "mapping.schedule.final_iterations=0"]
+    words = ["explore", "room", "--steps", "1", *(word for each in settings for word in ("--set", each))]
     # With -P, as a console script begins.
     done = subprocess.run([sys.executable, "-P", "-c", program, *words], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

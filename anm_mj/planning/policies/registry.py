@@ -131,7 +131,9 @@ def policy_class(name: str) -> Any:
         raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}){hint}.") from err
     found = getattr(module, class_name, None)
     if found is None:
-        raise PlanError(f"Policy '{name}': module '{module_name}' has no class '{class_name}'.")
+        # A package that is installed comes before a file of the same name.
+        place = f" ({module.__file__})" if getattr(module, "__file__", None) else ""
+        raise PlanError(f"Policy '{name}': module '{module_name}'{place} has no class '{class_name}'.")
     missing = [method for method in METHODS if not callable(getattr(found, method, None))]
     if missing:
         raise PlanError(f"Policy '{name}' lacks the method(s) {', '.join(missing)} that every policy has.")

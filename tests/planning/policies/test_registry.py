@@ -100,7 +100,7 @@ def test_a_class_of_the_users_own_needs_no_entry():
         ("greedy", "frontier-full"),
         ("no_such_module:Policy", "cannot be imported"),
         ("made/no_such_module.py:Policy", "cannot be imported .*; write no_such_module:Policy, with the file"),
-        (f"{__name__}:Nothing", "no class 'Nothing'"),
+        (f"{__name__}:Nothing", r"test_registry\.py\) has no class 'Nothing'"),
         (f"{__name__}:Lacking", "observe, on_collision"),
         (f"{__name__}:Unmakeable", "PolicyContext"),
     ],
