@@ -37,7 +37,6 @@ from anm_mj.planning.policies.upen.rrt import Tree, grow_tree
 from anm_mj.planning.scan_grid import RESOLUTION_M
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
-    ARRIVED_M,
     FORWARD_STEP_M,
     FREE,
     OCCUPIED,
@@ -65,8 +64,8 @@ class UpenConfig(PolicyConfig):
     """Depth beyond this is left out of the policy's own grid [m]."""
     num_samples: int = setting(2500, at_most=100_000)
     """Samples that the tree is grown towards."""
-    hop_m: float = setting(0.25, at_least=ARRIVED_M)
-    """Length of an edge of the tree [m]: no path ends where the robot counts as arrived already."""
+    hop_m: float = setting(0.25, at_least=0.1)
+    """Length of an edge of the tree [m]: no path ends where the robot counts as arrived already, at 9.75 cm."""
     num_hops: int = setting(10, at_most=1000)
     """Edges of the paths that are compared."""
     replan_steps: int = round(10 * 0.25 / FORWARD_STEP_M)
