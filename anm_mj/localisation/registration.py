@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float32, Float64
+from scipy.spatial import KDTree
 
 from anm_mj.localisation.frame_to_images import FrameToImages
 from anm_mj.localisation.localisation_config import RegistrationConfig
@@ -23,6 +24,8 @@ from anm_mj.mapping.alignment import FramePoints
 
 _COARSE_STEP = 3
 """Of so many points one is registered at first."""
+_LEAST_INSIDE = 0.1
+"""The border counts where less than this share of what the map knows lies inside of it."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
 """Directions of motion of a base on the floor: along world x and y, and about z."""
 FREE = np.eye(6)
@@ -93,7 +96,7 @@ class Registration:
     known: float
     """Share of the points that lie at known surface."""
     inliers: float
-    """Mean robust weight of these."""
+    """Mean robust weight of these, without those at its border."""
     colors: float
     """Mean robust weight of their colours; 1 without colours."""
     bound: int
@@ -113,13 +116,29 @@ class Registration:
         return sum(each.mean_cost for each in self.fits) / len(self.fits)
 
 
+def inside_border(
+    known: Bool[np.ndarray, " n"], points_m: Float32[np.ndarray, "n 3"], border_m: float
+) -> Bool[np.ndarray, " n"]:
+    """Which of the points of a frame [m] that the map knows lie farther than ``border_m`` from those that it does not.
+
+    Where the surface that was observed ends, the field bends as it likes. A camera that turns before a plain wall has
+    such an end in every frame, always on the same side, and little else to say where along the wall it is. Where hardly
+    a point lies inside, all that are known count.
+    """
+    if not border_m or known.all() or not known.any():
+        return known
+    apart_m, _ = KDTree(points_m[~known]).query(points_m, distance_upper_bound=border_m)
+    inside = known & np.isinf(apart_m)
+    return inside if np.count_nonzero(inside) >= _LEAST_INSIDE * np.count_nonzero(known) else known
+
+
 def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | None = None) -> Registration:
     """The most likely pose of a frame; the search begins at the camera pose ``start``, None = at the prior."""
     points, prior, config, extra = problem.points, problem.prior, problem.config, problem.extra
     basis = prior.basis
     information = np.linalg.inv(prior.covariance)
     T = prior.T_world_camera if start is None else start
-    trusted = points
+    trusted, known = points, np.zeros(len(points), bool)
 
     def fit(cost: float, num_points: float, among: int) -> Fit:
         return Fit(float(cost) / max(float(num_points), 1.0), float(num_points) / max(1, among))
@@ -135,7 +154,8 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
         if iteration in (0, coarse_iterations):
             world_m = points.camera_m @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32)
             known = problem.probe.known(world_m)
-            trusted = replace(points, trust=points.trust * known.astype(np.float32))
+            inside = inside_border(known, points.camera_m, config.border_m)
+            trusted = replace(points, trust=points.trust * inside.astype(np.float32))
         share = min(1.0, iteration / config.shrink_iterations) if config.shrink_iterations else 1.0
         settings = config.settings(share)
         equations = problem.probe.align(trusted, T, settings)
@@ -171,7 +191,7 @@ def register(problem: RegistrationProblem, start: Float[np.ndarray, "4 4"] | Non
     return Registration(
         T,
         np.linalg.inv(hessian + information),
-        float(np.count_nonzero(trusted.trust)) / max(1, len(points)),
+        float(np.count_nonzero(points.trust * known)) / max(1, len(points)),
         weight / count if count else 0.0,
         float(equations.facts[1, 1]) / weight if weight and config.color_deviation else 1.0,
         int(np.count_nonzero(gain > 1.0)),

@@ -11,7 +11,7 @@ from anm_mj.localisation.frame_to_images import FrameToImages
 from anm_mj.localisation.key_images import Sums
 from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.map_probe import MapProbe
-from anm_mj.localisation.registration import PLANAR, Prior, RegistrationProblem, register
+from anm_mj.localisation.registration import PLANAR, Prior, RegistrationProblem, inside_border, register
 from anm_mj.localisation.registration_starts import displacement_search, register_displaced, register_from_several
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
@@ -175,3 +175,53 @@ def test_a_search_leaves_out_places_that_slide_out_of_view() -> None:
     found = displacement_search(problem, np.eye(4))
     assert found is not None
     assert abs(found[1, 3]) < 0.004
+
+
+class HalfWall(MapProbe):
+    """A plain wall at z = 1, of which x < 0 was observed: in the last decimetre the field bends towards the camera."""
+
+    def __init__(self) -> None:
+        pass
+
+    def known(self, points_m: np.ndarray) -> np.ndarray:
+        return points_m[:, 0] < 0.0
+
+    def align(self, points: FramePoints, T_world_camera: np.ndarray, settings: AlignSettings) -> NormalEquations:
+        x, z = (points.camera_m + T_world_camera[:3, 3])[:, (0, 2)].T
+        over = np.maximum(x + 0.1, 0.0)
+        rows = np.zeros((len(x), 6))
+        rows[:, 0], rows[:, 2] = 2.0 * over, 1.0
+        distance = z - 1.0 + over**2
+        weight = points.trust / settings.field_deviation_m**2
+        hessian = np.stack((rows.T @ (rows * weight[:, None]), np.zeros((6, 6))))
+        gradient = np.stack((rows.T @ (weight * distance), np.zeros(6)))
+        count = float(points.trust.sum())
+        return NormalEquations(hessian, gradient, np.array([[0.0, count, count], [0.0, 0.0, 0.0]]))
+
+
+def wall(*, left_m: float, right_m: float) -> FramePoints:
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(left_m, right_m, 40), np.linspace(-0.4, 0.4, 20)))
+    camera = np.stack((x, y, np.ones(len(x))), axis=1).astype(np.float32)
+    return FramePoints(camera, camera, np.zeros(len(x), np.float32), np.ones(len(x), np.float32))
+
+
+def test_the_border_of_the_map_does_not_draw_along_a_plain_wall() -> None:
+    # Along the wall, x, nothing tells where the camera is.
+    prior = Prior(np.eye(4), np.diag([0.02**2, 1e-12, 1e-12]), PLANAR)
+    config = replace(CONFIG, border_m=0.15)
+    drawn, found = (
+        register(RegistrationProblem(wall(left_m=-0.5, right_m=0.2), prior, HalfWall(), each))
+        for each in (CONFIG, config)
+    )
+    assert abs(drawn.T_world_camera[0, 3]) > 0.01
+    assert abs(found.T_world_camera[0, 3]) < 1e-3
+    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(0.02, rel=0.05)
+    assert found.known == pytest.approx(5 / 7, abs=0.03)
+    assert found.inliers == pytest.approx(1.0)
+
+
+def test_where_all_that_is_known_lies_at_the_border_all_of_it_counts() -> None:
+    points = wall(left_m=-0.1, right_m=0.2).camera_m
+    known = points[:, 0] < 0.0
+    assert (inside_border(known, points, 0.15) == known).all()
+    assert inside_border(np.ones(len(points), bool), points, 0.15).all()
