@@ -22,8 +22,8 @@ class RegistrationConfig(Settings, group="localisation.registration", error=MapE
     range_m: float = 8.0
     """Pixels farther away are left out [m]."""
     border_m: float = setting(0.0, at_least=0.0)
-    """Surface so near to what the map does not know is not registered to [m]. 0.15 keeps a camera that turns before a
-    plain wall in its place."""
+    """Surface so near to what the map does not know is not registered to [m]. With 0.15 the field draws no camera that
+    turns before a plain wall along it."""
     iterations: int = setting(30, at_most=1000)
     """Most steps of Gauss-Newton."""
     shrink_iterations: int = setting(4, at_least=0)
