@@ -4,7 +4,6 @@ import itertools
 import os
 import shlex
 import shutil
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
 from anm_mj.scene.folder import load_scene
 from anm_mj.utils.files import file_name, write_text
+from anm_mj.utils.own_modules import let_import_from
 from anm_mj.utils.package_data import checkout
 from anm_mj.utils.read_file import read_text
 from anm_mj.viz.figure_file import KINDS, PICTURE
@@ -93,10 +93,9 @@ def run_bench(
     """
     if num_workers < 1:
         raise BenchError(f"--workers is {num_workers}; at least 1 is needed.")
-    # Policies of the user's own lie where the command is given, or beside the file. No file there takes the place of a
-    # module of Python's.
+    # Policies of the user's own lie where the command is given, or beside the file.
     modules = tuple(dict.fromkeys((str(Path.cwd()), str(file.resolve().parent))))
-    sys.path += [folder for folder in modules if folder not in sys.path]
+    let_import_from(modules)
     jobs = read_jobs(file, policies)
     # The folders of this machine are private.
     text = shlex.join(Path(word).name if Path(word).is_absolute() else word for word in command)

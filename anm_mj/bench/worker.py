@@ -15,6 +15,7 @@ from pathlib import Path
 from anm_mj.bench.job import Job
 from anm_mj.errors import AnmError, BenchError
 from anm_mj.planning.policies.registry import needs_truth, policy_hash
+from anm_mj.utils.own_modules import let_import_from
 from anm_mj.utils.read_file import convert
 
 EXPLORE = "anm_mj.bench.worker:explore"
@@ -67,7 +68,7 @@ def explore(job: Job, folder: Path) -> None:
 def main(function: str) -> int:
     """Read a job from the standard input, execute it, and return the exit status."""
     line = json.loads(sys.stdin.readline())
-    sys.path += line["modules"]
+    let_import_from(line["modules"])
     job = convert(line["job"], Job)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, name = function.partition(":")

@@ -2,7 +2,6 @@
 
 import functools
 import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,6 +11,7 @@ from anm_mj.cli.explore import refuse_beside_resume, show_run
 from anm_mj.cli.map import topics_by_role
 from anm_mj.cli.option_types import Count, NewFolder, Settings, policy_names, run_fields
 from anm_mj.errors import ConfigError
+from anm_mj.utils.own_modules import let_import_from
 
 _ROLES = {"colour", "depth", "camera", "odometry", "command"}
 _POLICIES = functools.partial(policy_names, has_truth=False)
@@ -57,9 +57,7 @@ def drive(
     from anm_mj.ros.drive import drive as drive_robot
     from anm_mj.ros.drive_config import DriveConfig
 
-    # The modules of the working directory can be imported: a policy of the user's own. They come last, so that a file
-    # there that is named like a module of Python's does not take its place.
-    sys.path.append(os.getcwd())
+    let_import_from([os.getcwd()])
     if resume is not None:
         policy = options.pop("policy", None)
         own = {"out": out, "namespace": namespace or None, "topic": topic or None, "steps": steps, "pose": pose}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +12,7 @@ from anm_mj.cli.command_line import Option, Report, arguments
 from anm_mj.cli.option_types import NewFolder, Port, Settings, policy_names, refuse_idle, run_fields
 from anm_mj.errors import ConfigError
 from anm_mj.sim.sensors.sensor_config import SENSORS
+from anm_mj.utils.own_modules import let_import_from
 
 if TYPE_CHECKING:
     from anm_mj.config import RunConfig
@@ -94,9 +94,7 @@ def explore(
         verbose: show details
         **setup: options of a run that begins
     """
-    # The modules of the working directory can be imported: a policy of the user's own. They come last, so that a file
-    # there that is named like a module of Python's does not take its place.
-    sys.path.append(os.getcwd())
+    let_import_from([os.getcwd()])
     if not view:
         refuse_idle({"--port": port}, "nothing is shown; add --view")
     if resume is not None:

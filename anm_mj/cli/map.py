@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from anm_mj.cli.command_line import Option, Report
 from anm_mj.cli.option_types import Count, NewFolder, Port, Settings, refuse_idle, run_fields
 from anm_mj.errors import ConfigError, RunFolderError
+from anm_mj.utils.own_modules import let_import_from
 
 if TYPE_CHECKING:
     from anm_mj.geometry.lens_distortion import LensDistortion
@@ -116,9 +116,7 @@ def map_recorded(
     from anm_mj.sequence_check.warn_and_fix import BeforeMapping
     from anm_mj.types import Footprint
 
-    # The modules of the working directory can be imported: a policy of the user's own. They come last, so that a file
-    # there that is named like a module of Python's does not take its place.
-    sys.path.append(os.getcwd())
+    let_import_from([os.getcwd()])
     if not 0.0 < radius < height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {radius:g} m and height {height:g} m makes no sense here.")
     if not view:

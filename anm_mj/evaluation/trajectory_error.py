@@ -31,7 +31,7 @@ RPE_M = 1.0
 RPE_RAD = math.pi / 2
 """Rotation over which drift is measured [rad]."""
 _ROUNDING = 1e-9
-"""Nine turns by 10 degrees add up to a quarter turn but for this [rad]."""
+"""Nine turns by 10 degrees add up to a quarter turn but for this, and steps to a metre [rad, m]."""
 _LEVER_M = 0.02
 """Positions that spread by less about a line, or a point, do not tell how they are turned about it [m]."""
 _FEWEST = 3

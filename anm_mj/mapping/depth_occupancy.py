@@ -33,7 +33,7 @@ from anm_mj.mapping.occupancy_kernels import (
 from anm_mj.mapping.stray_pixels import Strays, are_single_outside, is_straying
 from anm_mj.sensing.missing_floor import SQUARE_M, MissingFloor
 from anm_mj.sensing.pixel_state import free_space_depth
-from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid
+from anm_mj.types import UNKNOWN, Intrinsics, Observation, OccupancyGrid, thinning_stride
 from anm_mj.utils.file_limits import limit
 
 MovedPoses = tuple[Float[np.ndarray, "m 4 4"], Float[np.ndarray, "m 4 4"]]
@@ -112,7 +112,7 @@ class DepthOccupancy:
         self._num_frames += 1
         self.noise.add(depth_m)
         view = self._view(depth_m, intrinsics, T_world_camera)
-        stride = max(1, round(intrinsics.fx / HIT_FOCAL_PX))
+        stride = thinning_stride(intrinsics.fx, HIT_FOCAL_PX)
         phase = self._num_frames % stride, self._num_frames // stride % stride
         voxels, hit_depth = self._kernels.hits(view, phase, stride)
         self.strays.add(is_straying(self.voxels, self.config, voxels, hit_depth))

@@ -18,6 +18,7 @@ from anm_mj.types.map import SurfaceChange as SurfaceChange
 from anm_mj.types.map import SurfaceErrors as SurfaceErrors
 from anm_mj.types.map import SurfacePoints as SurfacePoints
 from anm_mj.types.map import TrainingEffort as TrainingEffort
+from anm_mj.types.map import thinning_stride as thinning_stride
 from anm_mj.types.motion import ARRIVED_M as ARRIVED_M
 from anm_mj.types.motion import FORWARD_STEP_M as FORWARD_STEP_M
 from anm_mj.types.motion import NEAR_TARGET_M as NEAR_TARGET_M

@@ -72,6 +72,13 @@ class SurfacePoints:
     """A variance up to a constant factor, such as that of Eq. 4 of the paper; larger is less certain."""
 
 
+def thinning_stride(focal_px: float, least_px: float) -> int:
+    """Of so many rows and columns one is kept, to thin images of a focal length to about another [px]; 1 where they are
+    no sharper.
+    """
+    return max(1, round(focal_px / least_px))
+
+
 @dataclass(frozen=True)
 class SurfaceErrors:
     """How well the map knows its surface, point by point."""
@@ -85,8 +92,8 @@ class SurfaceErrors:
     exponent: float
     """``error_m`` falls as ``num_observations ** -exponent``."""
     counted_focal_px: float = math.inf
-    """Sharper images are thinned to about this focal length before their pixels are counted [px]: by a whole stride
-    along rows and columns. By default, every pixel counts."""
+    """Sharper images are thinned to about this focal length before their pixels are counted [px], as by
+    :func:`thinning_stride`. By default, every pixel counts."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
 import logging
+import math
 import os
 import shutil
 from types import SimpleNamespace
@@ -188,6 +189,20 @@ def test_a_failed_write_is_one_warning_and_the_run_goes_on(store, caplog, monkey
     checkpointer.after_step(0, 0.0)
     checkpointer.finish(0, resumable=True)
     assert "No checkpoint was written at step 0 (No space left on device)" in caplog.text
+
+
+def test_a_later_one_that_cannot_be_drafted_is_one_warning_and_the_run_goes_on(store, caplog, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    checkpointer = make(store, {"root": [1]})
+    checkpointer.after_step(0, 0.0)
+    checkpointer.close()
+    monkeypatch.setattr(store, "draft", full)
+    for step in (1000, 1001):
+        checkpointer.after_step(step, math.inf)
+    checkpointer.finish(1001, resumable=False)
+    assert caplog.text.count("No checkpoint was written at step 1000 (No space left on device)") == 1
 
 
 def test_a_header_of_any_size_costs_no_memory(tmp_path):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.depth_occupancy import HIT_FOCAL_PX, DepthOccupancy
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.last_layer import last_layer_variance, leverage, observation_density
 from anm_mj.mapping.mapping_config import OccupancyConfig, quick_mapping
 from anm_mj.mapping.neural_map import NeuralMap
@@ -59,7 +59,7 @@ def test_as_many_observations_are_counted_as_the_focal_length_says(room, size):
     patch = np.mgrid[4:5, 1.2:1.8:13j, 1.0:1.4:9j].reshape(3, -1).T
     layers = np.concatenate([patch + np.array([dx, 0.0, 0.0]) for dx in (-0.05, 0.0, 0.05)])
     counted = observation_density(grid, layers).reshape(3, -1)
-    counted_px = view.intrinsics.fx / max(1, round(view.intrinsics.fx / HIT_FOCAL_PX))
+    counted_px = view.intrinsics.fx / {64: 1, 128: 1, 256: 2}[size]
     assert counted.sum(axis=0).mean() == pytest.approx(16 * (counted_px * grid.config.voxel_m / 2.0) ** 2, rel=0.2)
 
 

@@ -10,7 +10,7 @@ near, therefore has nothing to offer any more, and the search for improvement en
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from anm_mj.types import SurfaceErrors
+from anm_mj.types import SurfaceErrors, thinning_stride
 
 WORTH_UNSEEN_M = 0.05
 """Surface off by this much counts like surface that was never seen [m]."""
@@ -28,11 +28,9 @@ OFFSET = 1 << 20
 class ExpectedImprovement:
     """Remembers the errors of the surface and answers how much of them a view takes away."""
 
-    def __init__(self, focal_px: float, voxel_m: float) -> None:
-        """Start without any surface. ``focal_px`` is the camera's; observations are counted on voxels of this edge."""
-        self._focal_px = focal_px
-        self._voxel_m = voxel_m
-        self._voxel_px_m = focal_px * voxel_m
+    def __init__(self) -> None:
+        """Start without any surface."""
+        self._voxel_px_m = 0.0
         """A voxel spans this many of the counted pixels at a depth of 1 m."""
         self._exponent = 0.0
         self._key = np.zeros(0, np.int64)
@@ -40,11 +38,20 @@ class ExpectedImprovement:
         self._count = np.zeros(0, np.float32)
         self._xy_m = np.zeros((0, 2))
 
-    def update(self, errors: SurfaceErrors, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> None:
-        """Replace what is known within ``radius_m`` of a place [m]."""
+    def update(
+        self,
+        errors: SurfaceErrors,
+        centre_xy_m: Float[np.ndarray, "2"],
+        radius_m: float,
+        *,
+        focal_px: float,
+        voxel_m: float,
+    ) -> None:
+        """Replace what is known within ``radius_m`` of a place [m]. ``focal_px`` is the camera's; observations are
+        counted on voxels of edge ``voxel_m``.
+        """
         self._exponent = errors.exponent
-        stride = max(1, round(self._focal_px / errors.counted_focal_px))
-        self._voxel_px_m = self._focal_px / stride * self._voxel_m
+        self._voxel_px_m = focal_px / thinning_stride(focal_px, errors.counted_focal_px) * voxel_m
         key, member, size = np.unique(_keys(errors.xyz_m.astype(float)), return_inverse=True, return_counts=True)
         worth = np.minimum(errors.error_m / np.float32(WORTH_UNSEEN_M), np.float32(1.0))
         mean = [np.bincount(member, v, len(key)) / np.maximum(size, 1) for v in (worth, errors.num_observations)]

@@ -112,9 +112,10 @@ class InformationGain:
         The errors are those within ``radius_m`` of a place; elsewhere, what was known before stays.
         """
         if self._improvement is None:
-            self._improvement = ExpectedImprovement(focal_px, self.occupancy.cell_m / POOL)
+            self._improvement = ExpectedImprovement()
             self._note_change(np.full(2, -np.inf), np.full(2, np.inf))
-        self._improvement.update(errors, centre_xy_m, radius_m)
+        voxel_m = self.occupancy.cell_m / POOL
+        self._improvement.update(errors, centre_xy_m, radius_m, focal_px=focal_px, voxel_m=voxel_m)
         self._note_change(centre_xy_m - radius_m, centre_xy_m + radius_m)
 
     def suppress_view(self, pose: Pose2, hidden: Bool[np.ndarray, " azimuths"] | None = None) -> None:

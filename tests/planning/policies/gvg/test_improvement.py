@@ -5,6 +5,7 @@ from anm_mj.planning.policies.gvg.improvement import FRAMES_PER_VIEW, WORTH_UNSE
 from anm_mj.types import SurfaceErrors
 
 HERE = np.zeros(2)
+COUNTED = {"focal_px": 128.0, "voxel_m": 0.05}
 
 
 def errors(xyz_m, error_m, num_observations, **thinned):
@@ -19,9 +20,9 @@ def errors(xyz_m, error_m, num_observations, **thinned):
 
 
 def improvement(*known):
-    found = ExpectedImprovement(128.0, 0.05)
+    found = ExpectedImprovement()
     for values in known:
-        found.update(values, HERE, 6.0)
+        found.update(values, HERE, 6.0, **COUNTED)
     return found
 
 
@@ -63,10 +64,10 @@ def test_near_views_of_rarely_seen_bad_surface_are_worth_most():
 
 
 def test_errors_nearby_are_replaced_and_far_ones_kept():
-    found = ExpectedImprovement(128.0, 0.05)
-    found.update(errors([(1.0, 0.0, 1.0), (9.0, 0.0, 1.0)], 0.02, 10), HERE, 20.0)
+    found = ExpectedImprovement()
+    found.update(errors([(1.0, 0.0, 1.0), (9.0, 0.0, 1.0)], 0.02, 10), HERE, 20.0, **COUNTED)
     before = share(found, (9.0, 0.0, 1.0), 1.0)
-    found.update(errors([(2.0, 0.0, 1.0)], 0.04, 10), HERE, 6.0)
+    found.update(errors([(2.0, 0.0, 1.0)], 0.04, 10), HERE, 6.0, **COUNTED)
     assert share(found, (1.0, 0.0, 1.0), 1.0) == 0.0
     assert share(found, (2.0, 0.0, 1.0), 1.0) > 0.0
     assert share(found, (9.0, 0.0, 1.0), 1.0) == before
