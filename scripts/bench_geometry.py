@@ -21,7 +21,7 @@ from scipy import ndimage
 
 from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
-from anm_mj.events import Observed
+from anm_mj.events import Observed, On
 from anm_mj.explore import explore
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.neural_map import NeuralMap
@@ -56,27 +56,16 @@ class Row:
     """What the images said of the sensor: sigma_z = this times z^2."""
 
 
-class Album:
-    """A recorder that keeps the observations."""
-
-    def __init__(self) -> None:
-        self.observations: list[Observation] = []
-
-    def on_event(self, event: object) -> None:
-        """Keep an observation."""
-        if isinstance(event, Observed):
-            self.observations.append(event.observation)
-
-
 def walk(scene: str, steps: int, seed: int) -> tuple[list[Observation], Footprint]:
     """What a robot with exact depth sees in a scene, and its body."""
     config = make_config("default", [], scene=scene, policy="gvg", steps=steps, seed=seed)
-    album = Album()
+    seen: list[Observation] = []
     with make_robot(load_scene(scene)) as robot:
         policy = make_policy("gvg", PolicyContext(robot.footprint, config.policy_settings, config.planning, seed))
         mapper = NeuralMap(config.mapping, seed=seed)
-        explore(robot, mapper, policy, num_steps=steps, observers=(album,))
-        return album.observations, robot.footprint
+        keep = On(Observed, lambda event: seen.append(event.observation))
+        explore(robot, mapper, policy, num_steps=steps, observers=(keep,))
+        return seen, robot.footprint
 
 
 def columns(

@@ -20,7 +20,7 @@ from msgspec import Struct
 
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
-from anm_mj.events import Decided
+from anm_mj.events import Decided, On
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import ManifestShape
@@ -41,18 +41,6 @@ class _Decision(Struct):
     """What counts of a line of ``plans.jsonl``."""
 
     closed: _Outcome | None = None
-
-
-class _Closed:
-    """Keeps the outcomes of a run."""
-
-    def __init__(self) -> None:
-        self.outcomes: list[TargetOutcome] = []
-
-    def on_event(self, event: object) -> None:
-        """Take the target that a decision has closed."""
-        if isinstance(event, Decided) and event.plan.closed is not None:
-            self.outcomes.append(event.plan.closed)
 
 
 def main(
@@ -90,10 +78,11 @@ def _runs(scene: Scene, steps: int, starts: int) -> Iterator[tuple[str, str, Tar
     """The same as :func:`_outcomes` of new runs from the first starts of a scene."""
     from bench_planner import run
 
+    closed: list[TargetOutcome | None] = []
+    keep = On(Decided, lambda event: closed.append(event.plan.closed))
     for pose in scene.starts[:starts]:
-        closed = _Closed()
-        run(scene, "gvg", steps, pose, 0, observers=(closed,))
-        yield from ((scene.name, outcome.kind, outcome) for outcome in closed.outcomes)
+        run(scene, "gvg", steps, pose, 0, observers=(keep,))
+    yield from ((scene.name, outcome.kind, outcome) for outcome in closed if outcome is not None)
 
 
 def _outcomes(folder: Path) -> Iterator[tuple[str, str, _Outcome]]:

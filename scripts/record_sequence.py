@@ -11,7 +11,7 @@ import tyro
 
 from anm_mj.cli.command_line import run_script
 from anm_mj.config import make_config
-from anm_mj.events import Observed
+from anm_mj.events import Observed, On
 from anm_mj.explore import explore
 from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.mapping.neural_map import NeuralMap
@@ -20,18 +20,6 @@ from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.simulation_config import SimulationConfig
-
-
-class SequenceRecorder:
-    """Hears of the run and keeps the images."""
-
-    def __init__(self, path: Path):
-        self._writer = SequenceWriter(path)
-
-    def on_event(self, event: object) -> None:
-        """Write the images of an observation."""
-        if isinstance(event, Observed):
-            self._writer.write(event.observation)
 
 
 def main(
@@ -60,14 +48,14 @@ def main(
     config = make_config("quick", settings, scene=scene, policy=policy, steps=steps, drive=drive, seed=seed)
     # What cannot be explored leaves no folder.
     world = load_scene(scene)
-    recorder = SequenceRecorder(out)
+    writer = SequenceWriter(out)
     with make_robot(world, drive=drive, image_px=image_px, people=config.people, seed=seed) as robot:
         outcome = explore(
             robot,
             NeuralMap(config.mapping, seed=seed, device="cpu"),
             make_policy(policy, PolicyContext(robot.footprint, config.policy_settings, config.planning, seed)),
             num_steps=steps,
-            observers=(recorder,),
+            observers=(On(Observed, lambda event: writer.write(event.observation)),),
         )
     print(f"{outcome.num_steps + 1} frames in {out}; stop reason: {outcome.stop_reason}.")
 
