@@ -81,11 +81,11 @@ def back_project(
 
 
 def world_to_cell(
-    xy_m: Float[np.ndarray, "n 2"], origin_xy_m: Float[np.ndarray, "2"], resolution_m: float
-) -> Int[np.ndarray, "n 2"]:
+    xy_m: Float[np.ndarray, "*n 2"], origin_xy_m: Float[np.ndarray, "2"], resolution_m: float
+) -> Int[np.ndarray, "*n 2"]:
     """``[row, col]`` of the cells that contain world points; may lie outside the grid."""
     col_row = np.floor((xy_m - origin_xy_m) / resolution_m).astype(np.int64)
-    return col_row[:, ::-1]
+    return col_row[..., ::-1]
 
 
 def cell_to_world(

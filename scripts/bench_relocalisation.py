@@ -32,7 +32,8 @@ from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
 from anm_mj.scene.navigable import is_clear, sample_start
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import FREE, Action, Observation, Pose2
+from anm_mj.types import FREE, UNKNOWN, Action, Observation, Pose2
+from anm_mj.utils.arrays import values_at
 
 if TYPE_CHECKING:
     from anm_mj.sim.sim_robot import SimRobot
@@ -174,10 +175,7 @@ def is_known(neural_map: NeuralMap, pose: Pose2) -> bool:
     """Whether the map has seen that there is nothing at the height of 0.3 m."""
     grid = neural_map.occupancy_grid()
     at = np.array([pose.x_m, pose.y_m, 0.3]) - grid.origin_m
-    col, row, layer = np.floor(at / grid.resolution_m).astype(int).tolist()
-    layers, rows, cols = grid.state.shape
-    inside = 0 <= layer < layers and 0 <= row < rows and 0 <= col < cols
-    return inside and bool(grid.state[layer, row, col] == FREE)
+    return bool(values_at(grid.state, np.floor(at / grid.resolution_m).astype(int)[::-1], UNKNOWN) == FREE)
 
 
 def summary(trials: list[Trial]) -> str:

@@ -27,7 +27,8 @@ from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
-from anm_mj.types import DEFAULT_FOOTPRINT, OCCUPIED, Observation, OccupancyGrid, Pose2
+from anm_mj.types import DEFAULT_FOOTPRINT, OCCUPIED, UNKNOWN, Observation, OccupancyGrid, Pose2
+from anm_mj.utils.arrays import values_at
 from anm_mj.utils.files import atomic_write
 from anm_mj.utils.progress import Progress, unheard
 
@@ -109,8 +110,7 @@ def _observed_percent(grid: OccupancyGrid, seen: Observation) -> float:
     near = np.where(seen.depth_m <= MAX_DEPTH_M, seen.depth_m, np.nan).astype(np.float32)
     points = back_project(near, seen.intrinsics, seen.T_world_camera)
     cell = np.floor((points - grid.origin_m) / grid.resolution_m).astype(np.int64)[:, ::-1]
-    inside = ((cell >= 0) & (cell < grid.state.shape)).all(axis=1)
-    occupied = grid.state[tuple(cell[inside].T)] == OCCUPIED
+    occupied = values_at(grid.state, cell, UNKNOWN) == OCCUPIED
     return 100.0 * float(occupied.sum()) / max(len(points), 1)
 
 

@@ -18,6 +18,7 @@ from anm_mj.frames import pose_matrix
 from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2
+from anm_mj.utils.arrays import values_at
 
 _SAME_M, _SAME_RAD = 0.1, math.radians(6.0)
 """Heights and tilts of a camera that are nearer to each other are alike."""
@@ -194,11 +195,7 @@ def _scores(
 
 def _values(grid: DistanceGrid, at: Float[np.ndarray, "*n 3"]) -> Float32[np.ndarray, "*n"]:
     """Distances at places given in cells, x, y, z."""
-    cell = np.rint(at).astype(np.int64)
-    top = np.array(grid.distance_m.shape[::-1]) - 1
-    inside = ((cell >= 0) & (cell <= top)).all(axis=-1)
-    x, y, z = np.moveaxis(np.clip(cell, 0, top), -1, 0)
-    return np.where(inside, grid.distance_m[z, y, x], grid.distance_m[0, 0, 0])
+    return values_at(grid.distance_m, np.rint(at).astype(np.int64)[..., ::-1], grid.distance_m[0, 0, 0])
 
 
 def _is_same(

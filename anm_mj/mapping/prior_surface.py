@@ -19,6 +19,7 @@ from anm_mj.mapping.keyframes import DEPTH_UNIT_M, NO_DEPTH, Keyframes, Keyframe
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.rays import rays_of_pixels
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, SurfaceChange
+from anm_mj.utils.arrays import values_at
 
 LINK_VOXELS = 2.5
 """Voxels nearer to each other than this many edges belong to one change."""
@@ -178,9 +179,7 @@ def _beside(voxels: Voxels, state: Int8[np.ndarray, "layers rows cols"]) -> Bool
     """Which voxels have an occupied one among their neighbours."""
     found = np.zeros(len(voxels), bool)
     for shift in _AROUND:
-        moved = voxels + shift
-        inside = ((moved >= 0) & (moved < state.shape)).all(axis=1)
-        found[inside] |= state[tuple(moved[inside].T)] == OCCUPIED
+        found |= values_at(state, voxels + shift, UNKNOWN) == OCCUPIED
     return found
 
 

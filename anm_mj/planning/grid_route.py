@@ -7,6 +7,7 @@ from skimage.graph import MCP_Geometric
 from anm_mj.frames import cell_to_world, world_to_cell
 from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
 from anm_mj.types import FREE, Pose2, TopDownMap
+from anm_mj.utils.arrays import values_at
 
 COMFORT_M = 0.2
 """Paths prefer to keep this much clearance beyond the least one [m]."""
@@ -63,10 +64,8 @@ class GridRoutes:
 
     def cost_at(self, xy_m: Float[np.ndarray, "2"]) -> float:
         """Cost of the path to a place: its length, up to doubled near obstacles [m]; +inf where none leads."""
-        row, col = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
-        rows, cols = self.cost_cells.shape
-        inside = 0 <= row < rows and 0 <= col < cols
-        return float(self.cost_cells[row, col]) * self.topdown.resolution_m if inside else float("inf")
+        cell = world_to_cell(xy_m, self.topdown.origin_xy_m, self.topdown.resolution_m)
+        return float(values_at(self.cost_cells, cell, np.inf)) * self.topdown.resolution_m
 
     def path_to(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
         """Polyline from the robot to a place from :meth:`nearest`, or one of finite cost [m]."""

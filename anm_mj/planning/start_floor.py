@@ -10,6 +10,7 @@ from anm_mj.frames import world_to_cell
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.types import Footprint, OccupancyGrid
+from anm_mj.utils.arrays import values_at
 
 _logger = logging.getLogger(__name__)
 
@@ -53,10 +54,7 @@ def radius_to_seen_floor_m(
     angle = np.arange(_DIRECTIONS) * math.tau / _DIRECTIONS
     reach_m = np.arange(0.0, radius_m + MAX_GAP_M + cell / 2, cell)
     place = start_xy_m + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    row, col = world_to_cell(place.reshape(-1, 2), grid.origin_m[:2], cell).T.reshape(2, *place.shape[:2])
-    inside = (row >= 0) & (col >= 0) & (row < known.shape[0]) & (col < known.shape[1])
-    seen = np.zeros(row.shape, np.int8)
-    seen[inside] = known[row[inside], col[inside]]
+    seen = values_at(known, world_to_cell(place, grid.origin_m[:2], cell), 0)
     seen[(seen == 1) & (reach_m < radius_m)[:, None]] = 0
     first = seen.astype(bool).argmax(axis=0)
     free_m = reach_m[first][np.take_along_axis(seen, first[None], axis=0)[0] == 1]

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Observation, OccupancyGrid
+from anm_mj.utils.arrays import values_at
 
 NEAR_M = 0.5
 """Surface nearer than this is not expected to be measured [m]: depth cameras need some distance."""
@@ -39,9 +40,7 @@ def expected_view(observation: Observation, within_m: float, grid_at: GridQuery)
     depths_m = np.arange(0.0, within_m, 0.5 * grid.resolution_m)
     points_m = centre_m + rays[:, None] * depths_m[:, None]
     cells = np.floor((points_m - grid.origin_m) / grid.resolution_m).astype(np.int64)[..., ::-1]
-    inside = ((cells >= 0) & (cells < grid.state.shape)).all(axis=-1)
-    state = np.full(inside.shape, UNKNOWN, np.int8)
-    state[inside] = grid.state[tuple(cells[inside].T)]
+    state = values_at(grid.state, cells, UNKNOWN)
     ends = state != FREE
     first = ends.argmax(axis=1)
     hit = ends.any(axis=1) & (state[np.arange(len(state)), first] == OCCUPIED)

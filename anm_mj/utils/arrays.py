@@ -1,10 +1,22 @@
-"""Arrays of grids: larger ones around a smaller one, masks with their neighbours, and rectangular windows."""
+"""Arrays of grids: values at cells that may lie outside, larger arrays around a smaller one, masks with their
+neighbours, and rectangular windows.
+"""
 
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
 Window = tuple[slice, slice]
 """Rows and columns of a rectangle of cells."""
+
+
+def values_at(
+    array: Shaped[np.ndarray, "..."], cells: Int[np.ndarray, "*n axes"], outside: float | np.generic
+) -> Shaped[np.ndarray, "*n"]:
+    """Values of an array at cells, given by their indices along its axes; ``outside`` for those that it lacks."""
+    inside = ((cells >= 0) & (cells < array.shape)).all(axis=-1)
+    values = np.full(inside.shape, outside, array.dtype)
+    values[inside] = array[tuple(cells[inside].T)]
+    return values
 
 
 def embed(

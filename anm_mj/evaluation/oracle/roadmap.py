@@ -8,8 +8,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import KDTree
 
+from anm_mj.frames import world_to_cell
 from anm_mj.geometry.polyline import shortcut
 from anm_mj.ground_truth.observable import ReachableArea
+from anm_mj.utils.arrays import values_at
 
 CLEARANCE_M = 0.1
 """Clearance that paths keep to the edge of the reachable area where they can [m]."""
@@ -78,12 +80,8 @@ class Roadmap:
 
     def nearest(self, xy_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
         """The place nearest to each point, good to a cell; points outside of the grid count as at its border."""
-        row_col = self._cells(xy_m)
+        row_col = world_to_cell(xy_m, self.origin_xy_m, self.resolution_m)
         return self.nearest_place[np.ravel_multi_index((*row_col.T,), self.clearance_m.shape, mode="clip")]
-
-    def _cells(self, xy_m: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
-        """Row and column of points [m], which may lie outside of the grid."""
-        return np.floor((xy_m - self.origin_xy_m) / self.resolution_m).astype(np.int64)[..., ::-1]
 
     def near(self, radius_m: float) -> list[list[int]]:
         """For each place the places within a radius, itself included."""
@@ -116,10 +114,7 @@ class Roadmap:
 
     def _clearance_at(self, xy_m: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
         """Distance of points to the edge of the area, good to a cell [m]; 0 beyond it."""
-        row_col, shape = self._cells(xy_m), np.array(self.clearance_m.shape)
-        inside = ((row_col >= 0) & (row_col < shape)).all(axis=-1)
-        row, col = np.moveaxis(np.clip(row_col, 0, shape - 1), -1, 0)
-        return np.where(inside, self.clearance_m[row, col], 0.0)
+        return values_at(self.clearance_m, world_to_cell(xy_m, self.origin_xy_m, self.resolution_m), 0.0)
 
     def least_clearance_m(self, xy_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], moves: int) -> float:
         """Least clearance on a straight row of moves, sampled at every other move and the last [m]."""

@@ -48,6 +48,7 @@ from anm_mj.types import (
     Pose2,
     TopDownMap,
 )
+from anm_mj.utils.arrays import values_at
 from anm_mj.utils.settings import setting
 from anm_mj.utils.stopwatch import Stopwatch
 
@@ -156,11 +157,7 @@ def egocentric_crop(topdown: TopDownMap, pose: Pose2) -> Int8[np.ndarray, "rows 
         dy, dx = (np.array(shift) - 1) * (CELL_M / 3)
         ahead, aside = np.meshgrid(centres + dx, centres + dy)
         xy = np.stack([pose.x_m + c * ahead - s * aside, pose.y_m + s * ahead + c * aside], axis=-1)
-        cells = world_to_cell(xy.reshape(-1, 2), topdown.origin_xy_m, topdown.resolution_m)
-        inside = ((cells >= 0) & (cells < topdown.state.shape)).all(axis=1)
-        state = np.full(len(cells), UNKNOWN, np.int8)
-        state[inside] = topdown.state[cells[inside, 0], cells[inside, 1]]
-        state = state.reshape(crop.shape)
+        state = values_at(topdown.state, world_to_cell(xy, topdown.origin_xy_m, topdown.resolution_m), UNKNOWN)
         crop[(state == FREE) & (crop == VOID)] = FREE_CLASS
         crop[state == OCCUPIED] = OCCUPIED_CLASS
     return crop
@@ -173,7 +170,4 @@ def value_along(
     c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
     ahead, aside = ((xy_m - pose.xy_m) @ np.array([[c, -s], [s, c]])).T
     cells = np.floor(np.stack([aside, ahead], axis=1) / CELL_M + CROP_CELLS / 2).astype(int)
-    inside = ((cells >= 0) & (cells < CROP_CELLS)).all(axis=1)
-    found = np.zeros(len(xy_m), np.float32)
-    found[inside] = values[cells[inside, 0], cells[inside, 1]]
-    return found
+    return values_at(values, cells, 0.0)
