@@ -21,6 +21,7 @@ from anm_mj.mapping.depth_noise import EXACT_PER_M
 from anm_mj.mapping.mapping_config import MovingConfig, OccupancyConfig
 from anm_mj.mapping.occupancy_kernels import BLOCK, KNOWN_HITS, NOWHERE, VoxelArrays
 from anm_mj.types import FREE, OCCUPIED, Observation
+from anm_mj.utils.arrays import numbers_of
 
 NOISE_REACH = 4.0
 """Depth may be too short by so many standard deviations."""
@@ -86,7 +87,7 @@ class MovedVoxels:
 
         Else what stays would become surface the sooner, the less often the place was seen before.
         """
-        keys, (known, last) = _keys(self._newest), self._seen
+        keys, (known, last) = numbers_of(self._newest), self._seen
         fresh = ~np.isin(keys, known, assume_unique=True)
         _, cells = voxels.cells_of(self._newest[fresh])
         free = voxels.log_odds[cells] < 0
@@ -159,9 +160,9 @@ class MovedVoxels:
         """Take for free space again what was held for long enough."""
         over = [held[3] for held in self._held if held[0] == frame]
         if over:
-            still = [_keys(held[3]) for held in self._held if held[0] > frame]
+            still = [numbers_of(held[3]) for held in self._held if held[0] > frame]
             places = np.concatenate(over)
-            is_held = np.isin(_keys(places), np.concatenate([*still, np.zeros(0, np.int64)]))
+            is_held = np.isin(numbers_of(places), np.concatenate([*still, np.zeros(0, np.int64)]))
             self._set(voxels, places[~is_held], frame, OCCUPIED, FREE)
         # How long it was held is remembered for as long again.
         self._held = [held for held in self._held if held[0] + held[1] > frame]
@@ -193,11 +194,11 @@ class MovedVoxels:
         is_weak = voxels.log_odds[part] <= KNOWN_HITS * self._occupancy.hit
         layer, row, col = np.nonzero(solid[part] & near & (is_small[label[part]] | is_weak))
         places = np.stack((col, row, layer + low), axis=1) + voxels.corner
-        places = places[~np.isin(_keys(places), self._doubted_once)]
+        places = places[~np.isin(numbers_of(places), self._doubted_once)]
         _, cells = voxels.cells_of(places)
         known, log_odds = self._doubted
         self._doubted = np.concatenate((known, places)), np.concatenate((log_odds, voxels.log_odds[cells]))
-        self._doubted_once = np.concatenate((self._doubted_once, _keys(places)))
+        self._doubted_once = np.concatenate((self._doubted_once, numbers_of(places)))
         voxels.change(cells, FREE, _LIFTED, frame + 1)
         return bool(len(places))
 
@@ -259,13 +260,8 @@ class MovedVoxels:
         return found
 
 
-def _keys(places: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
-    """A number for each voxel; those of a grid have different ones, wherever it lies."""
-    return (places[:, 0] << 42) + (places[:, 1] << 21) + places[:, 2]
-
-
 def _places(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, "n 3"]:
-    """The voxels that have these numbers."""
+    """The voxels that have these :func:`numbers_of`."""
     z = ((keys + (1 << 20)) & ((1 << 21) - 1)) - (1 << 20)
     rest = (keys - z) >> 21
     y = ((rest + (1 << 20)) & ((1 << 21) - 1)) - (1 << 20)

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64
+from jaxtyping import Bool, Float, Float32
 
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.lattice import crossings, touched_cells
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import SdfQuery
+from anm_mj.utils.arrays import numbers_of
 
 _NORMAL_STEP_M = 0.02
 """Half the distance that normals are differenced over [m]: the noise of a 1 cm grid is averaged, corners are kept."""
@@ -97,19 +98,13 @@ class SurfaceExtractor:
         if asked.any():
             normals[asked] = gradient_directions(sdf, points[asked])
         # A crossing belongs to the block of its nearest voxel, so that each is stored once.
-        owner = _keys(np.floor_divide(np.rint(placed / edge).astype(np.int64), BLOCK))
+        owner = numbers_of(np.floor_divide(np.rint(placed / edge).astype(np.int64), BLOCK))
         order = np.argsort(owner, kind="stable")
-        wanted = _keys(blocks)
+        wanted = numbers_of(blocks)
         begin, end = (np.searchsorted(owner[order], wanted, side).tolist() for side in ("left", "right"))
         for (key, stamp), first, last in zip(stale.items(), begin, end, strict=True):
             mine = order[first:last]
             self._patches[key] = _Patch(stamp, placed[mine], normals[mine], normals_up_to_m)
-
-
-def _keys(blocks: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
-    """A number for each block, for indices of less than a million."""
-    x, y, z = (blocks + (1 << 20)).T
-    return (z << 42) | (y << 21) | x
 
 
 def _within(

@@ -1,9 +1,9 @@
-"""Arrays of grids: values at cells that may lie outside, larger arrays around a smaller one, masks with their
-neighbours, and rectangular windows.
+"""Arrays of grids: values at cells that may lie outside, numbers of cells, larger arrays around a smaller one, masks
+with their neighbours, and rectangular windows.
 """
 
 import numpy as np
-from jaxtyping import Bool, Int, Shaped
+from jaxtyping import Bool, Int, Int64, Shaped
 
 Window = tuple[slice, slice]
 """Rows and columns of a rectangle of cells."""
@@ -17,6 +17,11 @@ def values_at(
     values = np.full(inside.shape, outside, array.dtype)
     values[inside] = array[tuple(cells[inside].T)]
     return values
+
+
+def numbers_of(cells: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
+    """A number for each cell, different for different ones; their indices are less than a million."""
+    return (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
 
 
 def embed(
