@@ -10,7 +10,6 @@ last column holds the whole promise of the targets that were judged, those not l
 brought.
 """
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +17,7 @@ from typing import Annotated
 import tyro
 from msgspec import Struct
 
+from anm_mj.bench.statistics import grouped
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
 from anm_mj.events import Decided, On
@@ -66,9 +66,7 @@ def main(
     columns = *columns, "judged: realised / promised"
     print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
     for title, key in (("kind", 1), ("scene", 0)):
-        groups: dict[str, list[_Outcome | TargetOutcome]] = defaultdict(list)
-        for found in outcomes:
-            groups[str(found[key])].append(found[2])
+        groups = grouped((str(found[key]), found[2]) for found in outcomes)
         for name in sorted(groups):
             _print_row(f"{title} {name}", groups[name])
     _print_row("all", [outcome for *_, outcome in outcomes])

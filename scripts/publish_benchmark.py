@@ -19,6 +19,7 @@ import tyro
 
 from anm_mj.bench.executor import RESULT
 from anm_mj.bench.run_result import read_results
+from anm_mj.bench.statistics import grouped
 from anm_mj.bench.worker import BOUND
 from anm_mj.cli.command_line import run_script
 from anm_mj.errors import AnmError
@@ -103,9 +104,7 @@ def _packed(comparison: Path, folder: Path) -> str:
     Unpacked into the folder of a comparison, they are finished runs of it. The same runs give the same bytes. Raises
     BenchError or RunFolderError if a run is damaged, and OSError if a file cannot be written.
     """
-    by_start: dict[int, list[Path]] = {}
-    for result in read_results(comparison):
-        by_start.setdefault(result.job.start, []).append(result.folder)
+    by_start = grouped((result.job.start, result.folder) for result in read_results(comparison))
     folder.mkdir(parents=True, exist_ok=True)
     packed = []
     for start, runs in sorted(by_start.items()):

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from anm_mj.bench.results_table import situation
 from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, compared, drawn_variants
-from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
+from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval, grouped
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import scene_area
 from anm_mj.types import DEFAULT_FOOTPRINT
@@ -168,10 +167,9 @@ def _fewest(results: Sequence[Result]) -> dict[tuple[object, ...], float]:
 
 def _draw_curve(axes: Axes, runs: Sequence[Result], column: int, k: int, name: str, *, with_band: bool) -> None:
     """Mean over scenes of each scene's mean of a column of the curves, with its interval."""
-    per_scene: dict[str, list[Float[np.ndarray, " shares"]]] = {}
-    for run in runs:
-        values = np.interp(SHARES * run.budget, run.curve[:, 0], run.curve[:, column])
-        per_scene.setdefault(run.job.scene_name, []).append(values)
+    per_scene = grouped(
+        (run.job.scene_name, np.interp(SHARES * run.budget, run.curve[:, 0], run.curve[:, column])) for run in runs
+    )
     means = np.array([np.mean(curves, axis=0) for curves in per_scene.values()])
     axes.plot(100.0 * SHARES, means.mean(axis=0), lw=1.5, markevery=(5 * k % 20, 20), ms=5, mec="white", mew=0.6,
               label=legend_name(name), **style(k))  # fmt: skip

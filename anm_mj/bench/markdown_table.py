@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_interval, holm, paired_difference
+from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_interval, grouped, holm, paired_difference
 from anm_mj.utils.markdown import table
 
 DASH = "–"
@@ -26,10 +26,7 @@ DIFFERENCES = (
 
 def split_by(rows: Rows, column: str) -> dict[Any, list[dict[str, Any]]]:
     """The rows of each value of a column, in the order of their first appearance."""
-    found: dict[Any, list[dict[str, Any]]] = {}
-    for row in rows:
-        found.setdefault(row[column], []).append(row)
-    return found
+    return grouped((row[column], row) for row in rows)
 
 
 def numbers(rows: Rows, column: str) -> Float[np.ndarray, " n"]:

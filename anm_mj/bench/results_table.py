@@ -17,7 +17,7 @@ import numpy as np
 
 from anm_mj.bench.job import PLATFORM
 from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, split_settings
-from anm_mj.bench.statistics import restricted_steps
+from anm_mj.bench.statistics import grouped, restricted_steps
 from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.utils.files import atomic_write
@@ -89,9 +89,7 @@ def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, 
         ``final_by``, the variants of the best; and ``steps_to_90`` and so on, the fewest of any run, NaN where none
         gets there.
     """
-    groups: dict[tuple[Any, ...], list[Result]] = {}
-    for result in results:
-        groups.setdefault(situation(result), []).append(result)
+    groups = grouped((situation(result), result) for result in results)
     return {key: _best(group) for key, group in groups.items() if any(needs_truth(r.job.policy) for r in group)}
 
 

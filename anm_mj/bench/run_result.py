@@ -18,6 +18,7 @@ from msgspec.structs import asdict
 
 from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job, each_setting
+from anm_mj.bench.statistics import grouped
 from anm_mj.bench.worker import BOUND
 from anm_mj.config import RunConfig
 from anm_mj.errors import BenchError, RunFolderError
@@ -255,11 +256,7 @@ def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:
     """Runs by the name of the budget that they are cut at; a run that has several budgets stands under each. Raises
     BenchError if the log of a run's steps is damaged.
     """
-    found: dict[str, list[Result]] = {}
-    for result in results:
-        for cut in result.cuts:
-            found.setdefault(cut.budget_by, []).append(cut)
-    return found
+    return grouped((cut.budget_by, cut) for result in results for cut in result.cuts)
 
 
 def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], int]:
@@ -268,9 +265,7 @@ def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], 
 
     Means over other scenes, or from fewer starts, do not compare: a variant that lacks its hardest start would gain.
     """
-    runs: dict[str, list[Result]] = {}
-    for result in results:
-        runs.setdefault(result.variant, []).append(result)
+    runs = grouped((result.variant, result) for result in results)
     starts = {name: {(run.job.scene_name, run.job.start) for run in own} for name, own in runs.items()}
     count = len(set().union(*starts.values()))
     # Where those that lack a start or two have none in common, those count that lack none.

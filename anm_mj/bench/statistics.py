@@ -9,14 +9,16 @@ leaving it out would make a policy look faster by failing.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, stdtrit
 
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
 NUM_RESAMPLES = 10_000
 LEVEL = 0.95
 """Confidence of the intervals."""
@@ -64,12 +66,17 @@ def restricted_steps(steps: float | None, budget: int) -> float:
     return float(budget) if steps is None or not np.isfinite(steps) else min(float(steps), float(budget))
 
 
+def grouped(pairs: Iterable[tuple[_Key, _Value]]) -> dict[_Key, list[_Value]]:
+    """The values of each key, in the order of their first appearance."""
+    found: dict[_Key, list[_Value]] = {}
+    for key, value in pairs:
+        found.setdefault(key, []).append(value)
+    return found
+
+
 def scene_means(scenes: Sequence[str], values: Sequence[float]) -> Float[np.ndarray, " scenes"]:
     """Mean of each scene's values, given the scene of every value; in the order in which scenes appear."""
-    by_scene: dict[str, list[float]] = {}
-    for scene, value in zip(scenes, values, strict=True):
-        by_scene.setdefault(scene, []).append(value)
-    return np.array([np.mean(found) for found in by_scene.values()])
+    return np.array([np.mean(found) for found in grouped(zip(scenes, values, strict=True)).values()])
 
 
 def paired_difference(
