@@ -31,8 +31,9 @@ from anm_mj.run import run
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_on_demand import folder_of
 from anm_mj.scene.navigable import is_clear, sample_start
+from anm_mj.sensing.pose_check import moved
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import FREE, UNKNOWN, Action, Observation, Pose2
+from anm_mj.types import FREE, UNKNOWN, Action, Pose2
 from anm_mj.utils.arrays import values_at
 
 if TYPE_CHECKING:
@@ -128,15 +129,9 @@ def is_moved(
         localiser.localise(robot.observe())
     before = robot.odometry
     robot.place(replace(there, yaw_rad=wrap_angle(robot.pose.yaw_rad + turn)))
+    # The odometry does not tell that the robot was carried.
     T_before_now = pose_matrix(before) @ np.linalg.inv(pose_matrix(robot.odometry))
     return searched(robot, (localiser.localise(moved(robot.observe(), T_before_now)) for _ in turning(robot, within)))
-
-
-def moved(seen: Observation, T_before_now: np.ndarray) -> Observation:
-    """An observation whose odometry does not tell that the robot was carried."""
-    T = T_before_now @ pose_matrix(seen.pose)
-    pose = Pose2(float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0]))
-    return replace(seen, pose=pose, T_world_camera=T_before_now @ seen.T_world_camera)
 
 
 def turning(robot: SimRobot, count: int) -> Iterator[int]:

@@ -58,7 +58,7 @@ class PoseCheck:
         if last is None and is_stand_in(observation):
             return observation
         if not np.array_equal(self._T_fixed_said, np.eye(4)):
-            observation = _moved(observation, self._T_fixed_said)
+            observation = moved(observation, self._T_fixed_said)
         self._T_base_camera = np.linalg.inv(pose_matrix(observation.pose)) @ observation.T_world_camera
         if last is not None and judges:
             there, said = _after(last, action), observation.pose
@@ -66,7 +66,7 @@ class PoseCheck:
             off_rad = abs(wrap_angle(said.yaw_rad - there.yaw_rad))
             if off_m > JUMP_M or off_rad > JUMP_RAD:
                 T_there_said = pose_matrix(there) @ np.linalg.inv(pose_matrix(said))
-                driven = _moved(observation, T_there_said)
+                driven = moved(observation, T_there_said)
                 undone = sdf_m is not None and _misfit_m(driven, sdf_m) < _misfit_m(observation, sdf_m)
                 _logger.warning(
                     "The pose of frame %d lies %.2f m and %.0f degrees from where the last action led; %s.",
@@ -89,7 +89,8 @@ def is_stand_in(observation: Observation) -> bool:
     return np.array_equal(observation.T_world_camera, pose_matrix(observation.pose))
 
 
-def _moved(observation: Observation, T_new_old: Float[np.ndarray, "4 4"]) -> Observation:
+def moved(observation: Observation, T_new_old: Float[np.ndarray, "4 4"]) -> Observation:
+    """A frame as a robot has it whose poses ``T_new_old`` carries elsewhere."""
     pose = pose_of_matrix(T_new_old @ pose_matrix(observation.pose))
     return replace(observation, pose=pose, T_world_camera=T_new_old @ observation.T_world_camera)
 
