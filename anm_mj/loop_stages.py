@@ -171,7 +171,7 @@ def doubt_stop(plan: Plan, mapper: Mapper, state: LoopState) -> Plan:
         reason = f"something moved about: doubts what may be left of it, instead of {plan.stop}"
     else:
         return plan
-    return Plan(reason, np.zeros((0, 2)), actions=(Action.WAIT,))
+    return Plan(reason, actions=(Action.WAIT,))
 
 
 def wait_for_sight(state: LoopState, policy: Policy) -> Plan:
@@ -184,4 +184,4 @@ def wait_for_sight(state: LoopState, policy: Policy) -> Plan:
 
 
 def _one_turn(reason: str) -> Plan:
-    return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
+    return Plan(reason, actions=(Action.TURN_LEFT,))

@@ -129,9 +129,6 @@ def look_around(lost_steps: int) -> Plan | None:
     """
     if not lost_steps:
         return None
-    nowhere = np.zeros((0, 2))
     if lost_steps > MOST_LOST_STEPS:
-        return Plan(
-            f"lost for {lost_steps} steps: no place in the map fits what the camera sees", nowhere, stop=StopReason.LOST
-        )
-    return Plan("lost: looks around until a place in the map fits", nowhere, actions=(Action.TURN_LEFT,) * 6)
+        return Plan(f"lost for {lost_steps} steps: no place in the map fits what the camera sees", stop=StopReason.LOST)
+    return Plan("lost: looks around until a place in the map fits", actions=(Action.TURN_LEFT,) * 6)

@@ -135,12 +135,12 @@ class Oracle:
                 if actions:
                     covered = 100.0 * (1.0 - left.mean())
                     reason = f"tour: {covered:.1f} % covered, {len(self._stops)} stops left"
-                    return Plan(reason, np.zeros((0, 2)), actions=actions)
+                    return Plan(reason, actions=actions)
             budget = max(self._scene.budget_steps - observation.step, 0)
             self._stops = self._planner.next_tour(pose, left, budget)
             self._place = self._planner.place_at(pose)
             if not self._stops:
-                return Plan("nothing left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
+                return Plan("nothing left to see", stop=StopReason.COMPLETE)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Avoid the spot ahead and replan; retry the stop once, then skip it."""
