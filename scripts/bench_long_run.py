@@ -15,7 +15,6 @@ import gc
 import json
 import math
 import os
-import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,7 +27,6 @@ from rich.table import Table
 
 import anm_mj
 from anm_mj.cli.command_line import run_script
-from anm_mj.errors import AnmError
 from anm_mj.utils.memory import malloc_trim
 
 PART = 1000
@@ -153,11 +151,7 @@ def main(
         json_file: where the rows go too.
     """
     meter = Meter(out)
-    try:
-        anm_mj.explore_scene(scene, policy=policy, steps=steps, reality=reality, out=out, on_step=meter.step)
-    except AnmError as err:
-        print(err, file=sys.stderr)
-        sys.exit(2)
+    anm_mj.explore_scene(scene, policy=policy, steps=steps, reality=reality, out=out, on_step=meter.step)
     curve = np.genfromtxt(out / "curve.csv", delimiter=",", names=True)
     for row in meter.rows:
         row.covered = float(np.interp(row.step, curve["step"], curve["observable_ratio"]))
