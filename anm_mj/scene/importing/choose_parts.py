@@ -11,7 +11,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.raster import areas
-from anm_mj.scene.submesh import Submesh
+from anm_mj.scene.submesh import Submesh, is_within
 
 _GAP_M = 30.0
 """Gaps within a building are smaller [m]."""
@@ -37,7 +37,8 @@ def chosen(parsed: ParsedScene, only: Sequence[str], leave_out: Sequence[str]) -
         raise SceneError("No part of the source is left: give other patterns with --only or --leave-out.")
     return parsed.changed(
         lambda submesh: submesh if part_of(submesh) in kept else None,
-        lambda movable: movable if movable.part in kept else None,
+        # Its body may have no submesh of its own, but those of the bodies that hang on it.
+        lambda movable: movable if any(is_within(name, [movable.part]) for name in kept) else None,
     )
 
 

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,8 @@ from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.texture_file import limit_textures
 from anm_mj.scene.importing.shading import shaded
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
-from anm_mj.scene.submesh import Submesh, merge_alike, triangles_of
+from anm_mj.scene.movable import Movable
+from anm_mj.scene.submesh import Submesh, is_within, merge_alike, triangles_of
 from anm_mj.scene.writer import SceneInfo, with_area
 
 _logger = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ class Placed:
     leaves: tuple[Leaf, ...]
     """The doors' leaves as they were found, in the source's heights."""
     floors_m: tuple[float, ...]
-    """Heights of the floors of all storeys that are in it [m]."""
+    """Heights of the floors of all storeys that are in it, in the source's heights [m]."""
 
 
 def place(
@@ -91,6 +92,9 @@ def place(
     world = with_doors(world, leaves, doors)
     if doors != "as-is" or origin.any():
         triangles = triangles_of(world.submeshes)
+    if world.obstacles:
+        # The robot may stand on what the camera does not see.
+        triangles = np.concatenate([triangles, triangles_of(world.obstacles)])
     is_high = float(np.ptp(triangles[:, :, 2])) > _ONE_STOREY_M
     storeys = find_storeys(triangles) if wanted_storey is not None or is_high else []
     if wanted_storey is not None:
@@ -116,7 +120,7 @@ def place(
     world = _lowered(world, floor_m)
     apart = [movable.part for movable in world.movables]
     world = replace(world, submeshes=merge_alike(limit_textures(shaded(with_area(world.submeshes))), apart))
-    return Placed(info, world, tuple(leaves), tuple(storey.floor_m - floor_m for storey in storeys))
+    return Placed(info, world, tuple(leaves), tuple(storey.floor_m for storey in storeys))
 
 
 def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
@@ -126,12 +130,17 @@ def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
         return parsed
     named = [f"{name} ({away_m:.0f} m away)" for name, away_m in sorted(stray.items(), key=lambda item: -item[1])]
     _logger.warning("Left out, because they lie far from everything else: %s.", some(named, 8))
-    gone = set(stray) - {part_of(submesh) for submesh in kept}
+    parts = {part_of(submesh) for submesh in kept}
+    gone = set(stray) - parts
     obstacles = parsed.obstacles
     if obstacles is not None:
         obstacles, _ = split_stray([own for own in obstacles if part_of(own) not in gone], scale)
-    movables = tuple(movable for movable in parsed.movables if movable.part not in gone)
+    movables = tuple(own for own in parsed.movables if _has_any(own, parts) or not _has_any(own, gone))
     return replace(parsed, submeshes=kept, obstacles=obstacles, movables=movables)
+
+
+def _has_any(movable: Movable, parts: Collection[str]) -> bool:
+    return any(is_within(part, [movable.part]) for part in parts)
 
 
 def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: float) -> None:

@@ -30,12 +30,13 @@ def report_reach(area: NavigableArea, placed: Placed, doors: Doors) -> None:
     if area.area_m2 < _MOST * all_m2:
         all_m2 -= sum(_solid_pieces_m2(area, np.bincount(area.component[rest | (area.component == 1)])[1:], placed))
     if len(placed.floors_m) > 1:
-        floors = ", ".join(f"{number} at {floor_m:+.2f} m" for number, floor_m in enumerate(placed.floors_m, 1))
+        floors = ", ".join(f"{number} at {floor_m:.2f} m" for number, floor_m in enumerate(placed.floors_m, 1))
         _logger.warning(
-            "The source has %d storeys (%s), all of which were imported; the robot drives on the one at 0 m. Take one "
-            "alone with --storey.",
+            "The source has %d storeys (%s), all of which were imported; the robot drives on the one at %.2f m. Take "
+            "one alone with --storey.",
             len(placed.floors_m),
             floors,
+            placed.info.floor_removed_m,
         )
     if area.area_m2 >= _MOST * all_m2:
         return

@@ -45,3 +45,26 @@ def test_the_physics_drive_pushes_what_gives_way(tmp_path, mass, gives_way):
         moved_m = robot.data.body("movable_0").xpos[0] - 1.0
     assert any(collided) != gives_way
     assert (moved_m > 0.2) == gives_way
+
+
+_CART = (
+    '<body name="cart" pos="1 0 0.3"><freejoint/>'
+    '<body name="tray"><geom type="box" size="0.2 0.2 0.3" mass="2"/></body></body>'
+)
+
+
+def test_a_choice_of_parts_keeps_a_body_all_of_whose_geoms_are_on_bodies_below_it(tmp_path):
+    lamp = '<body name="lamp" pos="-1 0 0.3"><geom type="box" size="0.1 0.1 0.3"/></body>'
+    src = write_world(tmp_path / "a.xml", room_xml() + _CART + lamp)
+    for choice, number in (
+        ({"leave_out": ["lamp"]}, 1),
+        ({"leave_out": ["cart"]}, 0),
+        ({"only": ["tray", "floor", "wall_*"]}, 1),
+    ):
+        scene = import_scene(src, tmp_path / "out", movable=True, **choice)
+        assert build_model(scene).njnt == number
+
+
+def test_a_movable_body_that_lies_far_from_the_world_goes_with_its_geoms(tmp_path):
+    src = write_world(tmp_path / "a.xml", room_xml() + _CART.replace("1 0 0.3", "200 0 0.3"))
+    assert build_model(import_scene(src, tmp_path / "out", movable=True)).njnt == 0

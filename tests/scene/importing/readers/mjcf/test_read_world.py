@@ -179,3 +179,11 @@ def test_mazes_of_dm_control_have_the_depth_that_mujoco_draws(tmp_path, seed):
     export_with_assets(arena.mjcf_model, str(tmp_path / "src"), "maze.xml")
     scene = import_scene(tmp_path / "src" / "maze.xml", tmp_path / "out")
     assert agreement(tmp_path / "src" / "maze.xml", scene, eyes_in(scene, 2, 1.0)) > 0.9999
+
+
+def test_the_robot_stands_on_a_floor_that_the_camera_does_not_see(tmp_path):
+    hidden = room_xml().replace('name="floor"', 'name="floor" group="3" pos="0 0 0.4"')
+    scene = import_scene(write_world(tmp_path / "a.xml", hidden), tmp_path / "out")
+    # The walls, which are all that is drawn, begin as far below the floor.
+    assert scene.bounds_m[:, 2] == pytest.approx([-0.4, 2.1])
+    assert is_clear(scene, scene.starts[0], DEFAULT_FOOTPRINT)
