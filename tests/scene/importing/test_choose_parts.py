@@ -8,8 +8,10 @@ import pytest
 import trimesh
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.doors import find_leaves
+from anm_mj.scene.importing.doors import find_leaves, with_doors
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.gazebo import read_gazebo
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.parsed_scene import Joint
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, pick_storey
 from anm_mj.scene.navigable import scene_area
@@ -77,9 +79,19 @@ def test_a_clinic_with_shut_doors_and_two_storeys_says_what_helps(clinic, tmp_pa
         scene = import_scene(clinic, tmp_path / "out")
     area = scene_area(scene, DEFAULT_FOOTPRINT)
     assert area.component.max() >= 1 + _ROOMS
-    assert "has 2 storeys (1 at +0.00 m, 2 at +3.00 m)" in caplog.text
+    assert "has 2 storeys (1 at 0.00 m, 2 at 3.00 m)" in caplog.text
     assert "8 door leaves may be in its way: door_0_0/leaf, door_0_1/leaf" in caplog.text
     assert "--doors open" in caplog.text
+
+
+def test_the_heights_of_storeys_are_said_as_the_option_takes_them(tmp_path, caplog):
+    house = trimesh.util.concatenate([room(z=2.8), room(z=2.8).apply_translation([0.0, 0.0, 3.0])])
+    house.apply_translation([0.0, 0.0, 3.0]).export(tmp_path / "a.ply")
+    import_scene(tmp_path / "a.ply", tmp_path / "both", up="z", scale=1.0)
+    assert "(1 at 3.00 m, 2 at 6.00 m)" in caplog.text
+    assert "the robot drives on the one at 3.00 m" in caplog.text
+    import_scene(tmp_path / "a.ply", tmp_path / "one", up="z", scale=1.0, storey="6.00")
+    assert "floor_removed = 6.0\n" in (tmp_path / "one" / "scene.toml").read_text()
 
 
 def _reached(scene) -> int:
@@ -125,6 +137,23 @@ def test_only_and_leave_out_take_patterns_and_refuse_what_matches_nothing(clinic
         with pytest.raises(SceneError, match=word):
             import_scene(clinic, tmp_path / "out2", storey=storey)
     assert not (tmp_path / "out2").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "state", "end"),
+    [("hinged", "5 2 1 0 0 -1.5", (0.0, -0.9)), ("sliding", "5.8 2 1 0 0 0", (1.8, 0.0))],
+)
+def test_a_door_that_the_saved_state_has_open_is_shut_and_opened_from_there(tmp_path, kind, state, end):
+    saved = f"<model name='door'><pose>5 2 1 0 0 0</pose><link name='leaf'><pose>{state}</pose></link></model>"
+    world = f"<world name='w'>{_door('door', 1.0, 2.0, 0.0, kind)}<state world_name='w'>{saved}</state></world>"
+    (tmp_path / "a.world").write_text(f"<sdf version='1.6'>{world}</sdf>")
+    read = read_gazebo(tmp_path / "a.world", [], ImportReport())
+    (leaf,) = find_leaves(read.submeshes, read.joints)
+    assert not leaf.is_shut
+    for doors, reach in (("closed", (0.9, 0.0)), ("open", end)):
+        (moved,) = with_doors(read, [leaf], doors).submeshes
+        away = (moved.vertices_m - [5.0, 2.0, 0.0])[:, :2]
+        assert away[np.argmax(np.linalg.norm(away, axis=1))] == pytest.approx(reach, abs=0.03)
 
 
 def _leaf(name: str, size, joint: Joint | None = None) -> list:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float64
+from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import find_floor
@@ -198,11 +199,15 @@ class _Reader:
         limited = joint.get("type") != "continuous" and -1e3 < low <= high < 1e3
         length = float(np.linalg.norm(direction))
         if length > 0.0:
+            hinge, along = joint.get("type") != "prismatic", T_world_axis[:3, :3] @ direction / length
+            motion = scope.moved(link, text_of(joint, "parent"))
+            turn_or_shift = Rotation.from_matrix(motion[:3, :3]).as_rotvec() if hinge else motion[:3, 3]
             self.joints[part_path(part, link, "link")] = Joint(
-                hinge=joint.get("type") != "prismatic",
-                axis=T_world_axis[:3, :3] @ direction / length,
+                hinge=hinge,
+                axis=along,
                 anchor_m=T_world_joint[:3, 3].copy(),
-                value=0.0,
+                # Saved poses have six digits.
+                value=round(float(turn_or_shift @ along), 5) + 0.0,
                 limits=(low, high) if limited else None,
             )
 

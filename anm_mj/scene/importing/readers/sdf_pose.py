@@ -144,6 +144,19 @@ class Scope:
         frame = relative_to(child)
         return (self.frame(frame) if frame else T_world_parent) @ pose_of(child)
 
+    def moved(self, link: ET.Element, parent: str) -> Transform:
+        """The motion in the world by which the saved state has a link of this scope elsewhere than its own pose says,
+        as seen from the link ``parent``, or from the model where that has none of the name.
+        """
+        if not self._states:
+            return np.eye(4)
+        as_written = Scope(self.element, np.eye(4), {}, self.path)
+        base = self._framed.get(parent)
+        T_world_model = self.T_world_scope
+        if base is not None:
+            T_world_model = self.place(base) @ np.linalg.inv(as_written.place(base))
+        return self.place(link) @ np.linalg.inv(T_world_model @ as_written.place(link))
+
     def _named(self, name: str) -> ET.Element:
         child = self._framed.get(name)
         if child is None:
