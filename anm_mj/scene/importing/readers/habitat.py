@@ -127,22 +127,22 @@ class _Placement:
 def _placements(scene: dict[str, Any]) -> list[_Placement]:
     # Habitat's default is the centre of mass, which it takes from the bounding box unless the template states it.
     usual = str(scene.get("translation_origin", "com"))
-    entries = [(scene["stage_instance"], "asset_local")] if scene.get("stage_instance") else []
-    entries += [(entry, usual) for entry in scene.get("object_instances", [])]
-    entries += [(entry, "asset_local") for entry in scene.get("articulated_object_instances", [])]
+    objects = scene.get("object_instances", [])
+    entries = [(entry, str(entry.get("translation_origin", usual)).lower() == "com") for entry in objects]
+    # Instances of a stage or of an articulated object have origins of their own kind.
+    entries += [(entry, False) for entry in scene.get("articulated_object_instances", [])]
+    if scene.get("stage_instance"):
+        entries.insert(0, (scene["stage_instance"], False))
     placements = []
-    for entry, origin in entries:
+    for entry, by_centre in entries:
         scale = np.ones(3) * float(entry.get("uniform_scale", 1.0))
         scale = scale * np.asarray(entry.get("non_uniform_scale", (1.0, 1.0, 1.0)), dtype=np.float64)
         translation = np.asarray(entry.get("translation", (0.0, 0.0, 0.0)), dtype=np.float64)
         w, x, y, z = (float(value) for value in entry.get("rotation", (1.0, 0.0, 0.0, 0.0)))
         if scale.shape != (3,) or translation.shape != (3,) or not np.isfinite([*scale, *translation]).all():
             raise ValueError(f"{entry['template_name']} has no proper translation or scale")
-        # Instances of an articulated object have origins of their own kind.
-        if origin != "asset_local":
-            origin = str(entry.get("translation_origin", origin)).lower()
         name = str(entry["template_name"]).rpartition("/")[2]
-        placements.append(_Placement(name, quaternion_matrix((w, x, y, z)), translation, scale, origin == "com"))
+        placements.append(_Placement(name, quaternion_matrix((w, x, y, z)), translation, scale, by_centre))
     return placements
 
 

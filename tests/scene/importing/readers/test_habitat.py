@@ -84,6 +84,14 @@ def test_an_object_stands_by_its_origin_or_by_its_middle(tmp_path):
     assert np.allclose(_one(tmp_path / "b", **at), [[9.5, -0.5, -0.5], [10.5, 0.5, 0.5]], atol=1e-6)
 
 
+@pytest.mark.parametrize(("usual", "own", "low"), [("asset_local", "com", 9.5), ("com", "asset_local", 10.0)])
+def test_the_origin_that_an_object_states_goes_before_that_of_the_scene(tmp_path, usual, own, low):
+    cube = {"template_name": "cube", "translation": [10.0, 0.0, 0.0], "translation_origin": own}
+    scene = {"stage_instance": None, "translation_origin": usual, "object_instances": [cube]}
+    parsed = read_scene_instance(DATASETS[1], _replica_cad(tmp_path, scene), [], ImportReport())
+    assert _bounds(parsed.submeshes)[0, 0] == pytest.approx(low)
+
+
 @pytest.mark.parametrize(
     ("stated", "low"),
     [
