@@ -85,7 +85,7 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
 def _misread(triangles_m: Float[np.ndarray, "f 3 3"]) -> tuple[str, ...]:
     """What looks as if axes or units of the source had been misread, a sentence each."""
     found = []
-    up = find_up(triangles_m, "z", _ON_ITS_SIDE)
+    up = find_up(triangles_m, "z", _ON_ITS_SIDE, "xyz")
     if up != "z":
         found.append(
             f"The scene lies on its side: its floors are level along {up}, not along z. Import it again with --up {up} "

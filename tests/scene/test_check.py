@@ -109,6 +109,19 @@ def test_a_scene_without_a_floor_is_unusable(tmp_path):
     assert "floor within" in check.problems[0]
 
 
+@pytest.mark.parametrize("up", ["x", "y"])
+def test_a_scene_on_its_side_is_unusable_whichever_side_that_is(tmp_path, up):
+    mesh = room()
+    # World z becomes x or y.
+    mesh.vertices = mesh.vertices[:, {"x": [2, 0, 1], "y": [1, 2, 0]}[up]]
+    problems = check_scene(_scene(mesh, tmp_path / "side"), DEFAULT_FOOTPRINT).problems
+    assert f"level along {up}, not along z. Import it again with --up {up}" in problems[0]
+
+
+def test_an_arena_of_low_walls_is_usable(tmp_path):
+    assert not check_scene(_scene(room(z=0.6, ceiling=False), tmp_path / "arena"), DEFAULT_FOOTPRINT).problems
+
+
 def test_drawing_both_sides_is_written_into_the_folder_once(tmp_path):
     scene = _scene(room(), tmp_path / "room", cull_face=True)
     assert disable_backface_culling(scene)

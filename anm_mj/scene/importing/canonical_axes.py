@@ -42,6 +42,7 @@ R_WORLD_SOURCE = {
 }
 """Rotation from the source's axes, by the one that points up, to world axes with z up."""
 
+Axis = Literal["x", "y", "z"]
 _Triangles = Float[np.ndarray, "f 3 3"]
 _Flat = Float[np.ndarray, "l 3 3"]
 
@@ -70,13 +71,14 @@ def find_scale(extents: Float[np.ndarray, "3"]) -> float:
     return min(UNITS, key=lambda scale: abs(math.log(smallest * scale / _TYPICAL_HEIGHT_M)))
 
 
-def find_up(triangles_m: _Triangles, usual: Literal["x", "y", "z"], certainty: float = 1.25) -> Literal["x", "y", "z"]:
-    """Up axis, of y, z and the usual one: the axis along which the scene looks most like a storey with a floor.
+def find_up(triangles_m: _Triangles, usual: Axis, certainty: float = 1.25, among: str = "yz") -> Axis:
+    """Up axis, of y, z (or others, ``among``) and the usual one: the axis along which the scene looks most like a
+    storey with a floor.
 
     The score of an axis is the area of its floors, discounted by how far the extent along it is from the height of a
     storey. Another axis than ``usual`` must score ``certainty`` times as much.
     """
-    axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z") if usual == "x" else ("y", "z")
+    axes: list[Axis] = [up for up in ("x", "y", "z") if up in among or up == usual]
     score = {up: _storey_score(triangles_m @ R_WORLD_SOURCE[up].T) for up in axes}
     best = max(axes, key=lambda up: score[up])
     return best if score[best] > certainty * score[usual] else usual
@@ -89,9 +91,11 @@ def _storey_score(triangles_m: _Triangles) -> float:
     Furniture counts as floor: bare walls would be larger than the floor between it.
     """
     found, top_m = _levels(triangles_m), float(triangles_m[:, :, 2].max())
+    # The lowest surface is the underside of a slab as often as a floor, and no floor lies on it.
+    lowest = next((k for k, level in enumerate(found) if level.floor_m2 > 0.0), 0)
     # What nothing rises above is a roof, or the outside of a wall of a building on its side.
-    inside = [level for level in found[1:] if level.z_m < top_m - _HEADROOM_M]
-    storeys = apart(sorted(found[:1] + inside, key=lambda level: -level.floor_m2), _HEADROOM_M)
+    inside = [level for level in found[lowest + 1 :] if level.z_m < top_m - _HEADROOM_M]
+    storeys = apart(sorted(found[lowest : lowest + 1] + inside, key=lambda level: -level.floor_m2), _HEADROOM_M)
     height_m = float(np.ptp(triangles_m[:, :, 2]))
     number = max(1, round(height_m / _TYPICAL_HEIGHT_M))
     ratio = max(height_m, 1e-9) / number / _TYPICAL_HEIGHT_M

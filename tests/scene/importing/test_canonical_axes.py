@@ -41,6 +41,14 @@ def test_furniture_on_the_floor_does_not_lay_a_room_on_its_side(preferred):
     assert find_up(_triangles(to_y_up(bedroom)), preferred) == "y"
 
 
+@pytest.mark.parametrize("height", [0.5, 1.0, 1.2])
+@pytest.mark.parametrize("preferred", ["y", "z"])
+def test_the_floor_of_an_arena_of_low_walls_counts(preferred, height):
+    arena = room(6.0, 4.0, height, ceiling=False)
+    assert find_up(_triangles(arena), preferred) == "z"
+    assert find_up(_triangles(to_y_up(arena)), preferred) == "y"
+
+
 def test_a_cube_without_evidence_keeps_the_usual_axis():
     cube = _triangles(room(2.5, 2.5, 2.5))
     assert find_up(cube, "y") == "y"

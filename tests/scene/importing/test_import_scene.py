@@ -75,7 +75,7 @@ def test_what_is_given_goes_before_what_is_found(tmp_path):
 def test_a_building_in_inches_says_which_scale_helps(tmp_path, caplog):
     src = _export(tmp_path / "a.glb", room(), y_up=True, unit=0.0254)
     import_scene(src, tmp_path / "found")
-    assert "only 1.7 m high: if its source has another unit give --scale 0.0254 (inches)" in caplog.text
+    assert "only 1.1 m high: if its source has another unit give --scale 0.0254 (inches)" in caplog.text
     caplog.clear()
     import_scene(src, tmp_path / "given", scale=0.0254)
     assert "m high" not in caplog.text
