@@ -153,7 +153,8 @@ def write_scene(
         mjcf = scene_mjcf(info.name, drawn, boxes, bounds, movables)
         (folder / XML).write_text(mjcf, encoding="utf-8")
         np.savez_compressed(folder / GEOMETRY, **arrays)
-        (folder / TOML).write_text(_toml(entries), encoding="utf-8")
+        # Names of files that are no UTF-8, and the escapes of JSON, may hold what cannot be written.
+        (folder / TOML).write_text(_toml(entries), encoding="utf-8", errors="replace")
     return read_scene_folder(out)
 
 
@@ -265,7 +266,8 @@ def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:
         name = f"{i:03d}_{re.sub(r'[^A-Za-z0-9]+', '_', submesh.name).strip('_')[:40]}".rstrip("_")
         texture_file = None
         if submesh.texture is not None:
-            key = hashlib.sha256(submesh.texture.tobytes()).digest()
+            # A row and a column of texels are the same bytes.
+            key = submesh.texture.shape, hashlib.sha256(submesh.texture.tobytes()).digest()
             texture_file = texture_files.setdefault(key, f"{name}.png")
             if texture_file == f"{name}.png":
                 Image.fromarray(submesh.texture).save(assets / texture_file, compress_level=_PNG_COMPRESSION)

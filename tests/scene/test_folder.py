@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.build import build_model
@@ -194,3 +195,28 @@ def test_nothing_of_mujocos_is_written_where_the_command_was_given(copied, tmp_p
     with pytest.raises(SceneError, match="nan size"):
         build_model(load_scene(copied))
     assert not list(Path.cwd().iterdir())
+
+
+def test_pictures_of_other_sides_are_other_pictures_whatever_bytes_they_hold(tmp_path):
+    shades = np.repeat(np.arange(0, 256, 16, dtype=np.uint8)[:, None], 3, axis=1)
+    square = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 1.0], [2.0, 1.0, 2.0], [1.0, 1.0, 2.0]])
+    pictures = [shades[None], shades[:, None]]
+    signs = [
+        Submesh(
+            "sign",
+            square + np.array([k, 0, 0]),
+            np.array([[0, 1, 2], [0, 2, 3]]),
+            uv=square[:, [0, 2]],
+            texture=picture,
+        )
+        for k, picture in enumerate(pictures)
+    ]
+    scene = write_scene([_part(room()), *signs], SceneInfo("signs", "tests", "CC0"), tmp_path / "signs")
+    stored = [np.asarray(Image.open(path)) for path in sorted((scene.folder / "assets").glob("*.png"))]
+    assert [picture.shape for picture in stored] == [picture.shape for picture in pictures]
+
+
+def test_a_licence_that_cannot_be_written_loses_no_more_than_its_letter(tmp_path):
+    info = SceneInfo("a", "caf\udce9.obj", "\ud800 CC0")
+    scene = write_scene([_part(room())], info, tmp_path / "a")
+    assert (scene.source, scene.licence) == ("caf?.obj", "? CC0")

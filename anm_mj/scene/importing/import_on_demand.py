@@ -35,7 +35,8 @@ def folder_of(name_or_path: str) -> str:
     elif path.name in (XML, TOML) and (path.parent / TOML).is_file():
         # The scene's own file means the scene.
         return str(path.parent)
-    out = cache_folder("imported") / f"{path.stem}-{_state_of(path)}"
+    # The name of a folder has at most 255 bytes, and a letter up to four of them.
+    out = cache_folder("imported") / f"{path.stem[:48]}-{_state_of(path)}"
     if not (out / TOML).is_file():
         # Its libraries take a second and 40 MB, which a run in a scene of the catalogue does not need.
         from anm_mj.scene.importing.import_scene import import_scene
@@ -67,10 +68,11 @@ def _state_of(path: Path) -> str:
     """Digest of path, size and age of a file, of the files that it names, and of those beside and below it and in the
     ``models`` beside its folder; and of the variables that name folders of models. Runs below it do not count.
     """
-    digest = hashlib.sha256(str(path.resolve()).encode())
+    # Names of files need not be UTF-8.
+    digest = hashlib.sha256(os.fsencode(path.resolve()))
     for variable in (*VARIABLES, *(name for name, _ in ROS_VARIABLES)):
         if variable in os.environ:
-            digest.update(f"{variable}={os.environ[variable]}\0".encode(errors="surrogateescape"))
+            digest.update(os.fsencode(f"{variable}={os.environ[variable]}\0"))
     files = [path]
     for parent, below, names in chain(os.walk(path.parent), os.walk(path.parent.parent / "models")):
         if _FRAMES in names:
@@ -88,5 +90,5 @@ def _state_of(path: Path) -> str:
             stat = file.stat()
         except OSError:
             continue
-        digest.update(f"{file}\0{stat.st_size}\0{stat.st_mtime_ns}\0".encode())
+        digest.update(os.fsencode(f"{file}\0{stat.st_size}\0{stat.st_mtime_ns}\0"))
     return digest.hexdigest()[:12]

@@ -1,5 +1,6 @@
 """Scenes by name, found in small copies of the published layouts; scenes given as the file that they come from."""
 
+import os
 import sys
 import types
 from pathlib import Path
@@ -160,6 +161,12 @@ def test_a_file_is_imported_on_the_fly_and_again_when_it_changes(tmp_path):
     assert load_scene(again).bounds_m[1, 0] > load_scene(first).bounds_m[1, 0]
     assert folder_of("home") == "home"
     assert folder_of(str(Path(first) / "scene.xml")) == first
+
+
+def test_a_file_is_imported_on_the_fly_whatever_names_the_files_beside_it_have(tmp_path):
+    src = write_world(tmp_path / "src" / ("\u5bb6" * 80 + ".xml"), room_xml(2.0))
+    (src.parent / os.fsdecode(b"caf\xe9.txt")).touch()
+    assert load_scene(folder_of(str(src))).name == src.stem
 
 
 def test_a_cache_that_cannot_be_written_is_named_with_what_to_do(tmp_path, monkeypatch):
