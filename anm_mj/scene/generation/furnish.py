@@ -7,7 +7,7 @@ import numpy as np
 
 from anm_mj.scene.generation.building import Building, GivenWindow, PlanRoom, RoomWall
 from anm_mj.scene.generation.furniture_catalogue.home import curtains
-from anm_mj.scene.generation.piece import Placed, drawn
+from anm_mj.scene.generation.piece import Piece, Placed, drawn
 from anm_mj.scene.generation.placement import RoomSpace
 from anm_mj.scene.generation.room_style import RoomStyle, draw_style
 from anm_mj.scene.generation.room_templates import pieces_for
@@ -15,6 +15,10 @@ from anm_mj.scene.generation.traversability import RoomGrid
 from anm_mj.scene.generation.wall import WallArea
 
 _WINDOW_SHARE_M = 2.7
+_LEAST_WINDOW_M = 0.2
+"""Rooms too low for a window of this height have none [m]."""
+_TALLEST_M = 2.4
+"""No piece is higher [m]."""
 _BESIDE_M = 0.2
 """A given window belongs to walls that run along it within this distance [m]."""
 _HIGH = ("bathroom", "washroom")
@@ -65,14 +69,21 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     # Large rooms get the furniture of several.
     for _ in range(max(1, min(4, round(area_m2 / 45.0)))):
         for alternatives in pieces_for(room_type, area_m2, style, rng):
+            low_enough = (piece for piece in alternatives if _is_below(piece, building.ceiling_m))
             # Once one fits, no smaller one is tried.
-            placed += islice(filter(None, map(space.put, alternatives)), 1)
+            placed += islice(filter(None, map(space.put, low_enough)), 1)
     if room.room_type in _CURTAINED and rng.random() < 0.7:
         for wall in walls:
             for window in wall.windows:
-                put = space.curtain(drawn(curtains(style, rng, window.end_m - window.start_m)), wall, window)
+                piece = drawn(curtains(style, rng, window.end_m - window.start_m))
+                put = space.curtain(piece, wall, window) if _is_below(piece, building.ceiling_m) else None
                 placed += filter(None, [put])
     return FurnishedRoom(room, walls, style, tuple(_traversable(grid, placed)), grid)
+
+
+def _is_below(piece: Piece, ceiling_m: float) -> bool:
+    """Whether all of a piece, what stands on it included, is below a ceiling."""
+    return ceiling_m >= _TALLEST_M or float(piece.quads.corners_m[:, :, 2].max()) <= ceiling_m
 
 
 def _given_windows(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WallArea, ...]:
@@ -95,7 +106,9 @@ def _random_windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.ra
     if not wall.outer or (room_type in _DARK and rng.random() < 0.6):
         return ()
     high = room_type in _HIGH
-    z_low, z_high = (1.45, 2.0) if high else (0.9, min(2.1, ceiling_m - 0.35))
+    z_low, z_high = (1.45, min(2.0, ceiling_m - 0.1)) if high else (0.9, min(2.1, ceiling_m - 0.35))
+    if z_high - z_low < _LEAST_WINDOW_M:
+        return ()
     windows = []
     for start, end in wall.solid(0.2):
         num = 1 if high else int((end - start) // _WINDOW_SHARE_M) or int(end - start > 1.5)

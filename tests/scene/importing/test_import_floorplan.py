@@ -1,6 +1,7 @@
 """Floor plans of three formats become furnished scenes that the robot gets about in."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import shapely
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.generation.furnish import furnish
+from anm_mj.scene.generation.layout import plan_building
 from anm_mj.scene.importing.import_floorplan import import_floorplan, is_floorplan, read_floorplan
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.navigable import navigable_area
@@ -135,6 +138,18 @@ def test_every_format_gives_its_rooms_and_the_door_between_them(plan, area_m2, k
     gaps = [end - start for walls in building.walls for wall in walls for start, end, door in wall.gaps if door]
     assert len(gaps) >= 2
     assert 1.7 < sum(gaps) < 2.6
+
+
+@pytest.mark.parametrize("ceiling_m", [1.5, 2.0])
+def test_nothing_of_a_low_building_reaches_through_its_ceiling(ceiling_m, tmp_path):
+    plan = _plan1() | {"wall_height": ceiling_m}
+    scene = import_scene(_written(plan, tmp_path / "plan.json"), tmp_path / "out")
+    assert scene.bounds_m[1, 2] == pytest.approx(ceiling_m)
+    building = replace(plan_building(14, 0, "apartment"), ceiling_m=ceiling_m)
+    rooms = furnish(building, 0)
+    assert sum(len(room.placed) for room in rooms) > 14
+    assert all(placed.quads().corners_m[:, :, 2].max() <= ceiling_m for room in rooms for placed in room.placed)
+    assert all(hole.z_high_m < ceiling_m for room in rooms for wall in room.walls for hole in wall.windows)
 
 
 @pytest.mark.parametrize("marked", [1, 2])

@@ -47,13 +47,10 @@ def read_plan1(plan: Any) -> Building:
     outlines = cells.outlines()
     num_doors = np.bincount([room for passage in passages for room in passage.rooms], minlength=len(outlines))
     room_types = [office_room_type(floor, int(num_doors[k]), k) for k, floor in enumerate(outlines)]
-    return Building(
-        named_rooms(outlines, room_types),
-        tuple(passages),
-        "office",
-        float(plan.get("wall_height", 2.7)),
-        float(plan.get("door_height", 2.1)),
-    )
+    ceiling_m, door_m = float(plan.get("wall_height", 2.7)), float(plan.get("door_height", 2.1))
+    # A lintel stays above a door, as its frame has a head.
+    door_m = min(door_m, ceiling_m - 0.1)
+    return Building(named_rooms(outlines, room_types), tuple(passages), "office", ceiling_m, door_m)
 
 
 def _polygon(entry: dict[str, Any]) -> shapely.Polygon:
