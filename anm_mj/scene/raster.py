@@ -154,7 +154,12 @@ def normals(triangles_m: _Triangles) -> Float64[np.ndarray, "f 3"]:
 
 
 def distance_cells(free: _Mask) -> Float64[np.ndarray, "rows cols"]:
-    """Distance from every free cell's centre to the nearest centre of a cell that is not free [cells]."""
+    """Distance from every free cell's centre to the nearest centre of a cell that is not free [cells]; infinite where
+    all are free.
+    """
+    if free.all():
+        # SciPy takes a place beside the grid for one that is not free.
+        return np.full(free.shape, np.inf)
     return np.asarray(ndimage.distance_transform_edt(free), dtype=np.float64)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.scene.raster import Grid, clip_to_slab, grid_over, level_mask, rasterise
+from anm_mj.scene.raster import Grid, clip_to_slab, distance_cells, grid_over, level_mask, rasterise
 
 _GRID = Grid(np.array([-1.0, -1.0]), 0.1, 20, 20)
 
@@ -90,3 +90,7 @@ def test_level_triangles_are_found_whichever_way_they_face():
     up = _triangle((0, 0, 0), (1, 0, 0), (0, 1, 0))
     wall = _triangle((0, 0, 0), (1, 0, 0), (0, 0, 1))
     assert level_mask(np.concatenate([up, up[:, ::-1], wall])).tolist() == [True, True, False]
+
+
+def test_without_an_obstacle_all_places_are_endlessly_far_from_one():
+    assert np.isposinf(distance_cells(np.ones((4, 5), dtype=bool))).all()
