@@ -243,7 +243,7 @@ def replaced_folder(out: Path) -> Iterator[Path]:
 
 def check_destination(out: Path, overwrite: bool = True) -> None:
     """Accept a folder that is new, empty or a scene folder, before any work is done for it. Raises SceneError if it is
-    something else, or a scene folder and ``overwrite`` is false.
+    something else, the current folder, or a scene folder and ``overwrite`` is false.
     """
     try:
         if not overwrite and (out / TOML).is_file():
@@ -252,6 +252,8 @@ def check_destination(out: Path, overwrite: bool = True) -> None:
             raise SceneError(f"{out} is a file: choose a new folder for the scene.")
         if out.is_dir() and not (out / TOML).is_file() and any(out.iterdir()):
             raise SceneError(f"{out} is not empty and not a scene folder: choose a new folder for the scene.")
+        if out.is_dir() and Path.cwd().is_relative_to(out.resolve()):
+            raise SceneError(f"{out} is replaced as a whole, and you are in it: choose another folder for the scene.")
         parent = next(folder for folder in out.absolute().parents if folder.exists())
     except OSError as err:
         raise SceneError(f"{out} cannot be looked at ({err.strerror}): choose a folder that you may write to.") from err

@@ -220,3 +220,14 @@ def test_a_licence_that_cannot_be_written_loses_no_more_than_its_letter(tmp_path
     info = SceneInfo("a", "caf\udce9.obj", "\ud800 CC0")
     scene = write_scene([_part(room())], info, tmp_path / "a")
     assert (scene.source, scene.licence) == ("caf?.obj", "? CC0")
+
+
+@pytest.mark.parametrize("below", [".", "assets"])
+def test_the_folder_that_somebody_is_in_is_not_replaced(tmp_path, monkeypatch, below):
+    info = SceneInfo("a", "tests", "CC0")
+    (tmp_path / "a").mkdir()
+    write_scene([_part(room())], info, tmp_path / "a")
+    monkeypatch.chdir(tmp_path / "a" / below)
+    with pytest.raises(SceneError, match="is replaced as a whole, and you are in it"):
+        write_scene([_part(room())], info, Path("." if below == "." else ".."))
+    assert Path.cwd().samefile(tmp_path / "a" / below)
