@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32, Integer
+from jaxtyping import Float, Float32, Float64, Int32, Integer
 from scipy.spatial.transform import Rotation
 
 from anm_mj.scene.movable import Movable
@@ -21,6 +21,8 @@ BOX_TOP_M = 1.5
 ZNEAR_M = 0.02
 MIN_VERTICES = 4
 _MIN_ZFAR_M = 100.0
+_ROUNDING = 1e-7
+"""More than the share by which rounding changes a number that is written."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index:
     name = f"movable_{index}"
     body = ET.SubElement(world, "body", {"name": name} | _pose(movable.T_world_object))
     ET.SubElement(body, "freejoint", name=name)
-    inertia = _exact(movable.inertia_kgm2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    inertia = _exact(_written_inertia(movable.inertia_kgm2)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
     inertial = ET.SubElement(body, "inertial", pos=_exact(movable.centre_m), mass=f"{movable.mass_kg:.9g}")
     inertial.set("fullinertia", inertia)
     for i, solid in enumerate(movable.solids):
@@ -113,6 +115,17 @@ def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index:
             ET.SubElement(asset, "mesh", name=f"{name}_{i}", vertex=hull)
             geom.set("mesh", f"{name}_{i}")
     return body
+
+
+def _written_inertia(inertia_kgm2: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
+    """An inertia that MuJoCo takes when its numbers are rounded: it refuses a disc that is flatter, or a rod that is
+    thinner, than anything can be.
+    """
+    moments, axes = np.linalg.eigh(inertia_kgm2)
+    thin, middle, most = moments.tolist()
+    thin = max(thin, _ROUNDING * most)
+    most = min(most, (1.0 - _ROUNDING) * (thin + middle))
+    return inertia_kgm2 + axes @ np.diag([thin, middle, most] - moments) @ axes.T
 
 
 def _pose(T: Float[np.ndarray, "4 4"]) -> dict[str, str]:

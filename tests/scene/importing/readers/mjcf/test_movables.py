@@ -68,3 +68,13 @@ def test_a_choice_of_parts_keeps_a_body_all_of_whose_geoms_are_on_bodies_below_i
 def test_a_movable_body_that_lies_far_from_the_world_goes_with_its_geoms(tmp_path):
     src = write_world(tmp_path / "a.xml", room_xml() + _CART.replace("1 0 0.3", "200 0 0.3"))
     assert build_model(import_scene(src, tmp_path / "out", movable=True)).njnt == 0
+
+
+@pytest.mark.parametrize(("moments", "euler"), [("0.1 0.1 0.2", "0 40 50"), ("0.1 0.1 1e-12", "0 10 50")])
+def test_a_disc_and_a_rod_of_the_flattest_and_thinnest_kind_can_be_pushed(tmp_path, moments, euler):
+    thing = (
+        '<body name="thing" pos="1 0 0.5" euler="10 20 30"><freejoint/><geom type="cylinder" size="0.2 0.02"/>'
+        f'<inertial pos="0 0 0" euler="{euler}" mass="1" diaginertia="{moments}"/></body>'
+    )
+    model = build_model(import_scene(write_world(tmp_path / "a.xml", room_xml() + thing), tmp_path / "a", movable=True))
+    assert sorted(model.body("movable_0").inertia) == pytest.approx(sorted(map(float, moments.split())), abs=1e-7)
