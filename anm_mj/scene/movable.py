@@ -39,6 +39,11 @@ class Movable:
     """About the centre of mass, along the axes of the object's frame [kg m2]."""
     solids: tuple[Solid, ...]
 
+    @property
+    def centre_z_m(self) -> float:
+        """Height of its centre of mass in the world [m]; its origin may lie anywhere."""
+        return float(self.T_world_object[2, :3] @ self.centre_m + self.T_world_object[2, 3])
+
     def moved(self, rotation: Float64[np.ndarray, "3 3"], shift_m: Float64[np.ndarray, "3"]) -> Movable:
         """The same object in a world turned and shifted."""
         T = self.T_world_object.copy()

@@ -194,7 +194,7 @@ def _with_storey(world: ParsedScene, storey: Storey, storeys: Sequence[Storey]) 
         _logger.info("storeys: took the one at %.2f m, left out those at %s", storey.floor_m, ", ".join(others))
     cut = world.changed(
         lambda submesh: clip_submesh(submesh, storey.low_m, storey.high_m),
-        lambda movable: movable if storey.low_m <= movable.T_world_object[2, 3] <= storey.high_m else None,
+        lambda movable: movable if storey.low_m <= movable.centre_z_m <= storey.high_m else None,
     )
     if not cut.submeshes:
         raise SceneError(f"Nothing is left of the storey at {storey.floor_m:.2f} m.")

@@ -43,6 +43,7 @@ _OTHERS = "Left out: {names}."
 _NOTHING_SOLID = "Nothing in the world collides: the robot meets whatever is drawn."
 _GROUND_SOLID = "Nothing in the world collides but the ground: the robot meets whatever is drawn."
 _FREE = "Stand still where they are: the free bodies {names}; --movable lets the robot push them."
+_NOT_SOLID = "Stand still where they are, because nothing of them collides: the free bodies {names}."
 
 
 def read_mjcf(
@@ -66,9 +67,12 @@ def read_mjcf(
     reader = _Reader(model, data, groups)
     _report_left_out(model, reader.names, reader.robots, report)
     free = [body for body in free_bodies(model) if not reader.robots[body]]
-    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free if movable)
+    movables = [movable_of(model, data, body, reader.names[body]) for body in free if movable]
     for body in free if not movable else ():
         report.add(_FREE, reader.names[body])
+    for own in movables:
+        if not own.solids:
+            report.add(_NOT_SOLID, own.part)
     drawn, solid = reader.read()
     if not drawn:
         shown = ", ".join(map(str, sorted(groups)))
@@ -86,7 +90,7 @@ def read_mjcf(
         scale=1.0,
         obstacles=solid,
         joints=joints_of(model, data, reader.names),
-        movables=movables,
+        movables=tuple(own for own in movables if own.solids),
     )
 
 

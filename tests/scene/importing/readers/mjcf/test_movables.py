@@ -8,7 +8,7 @@ from anm_mj.scene.build import build_model
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, Pose2
-from tests.scene.importing.readers.mjcf.worlds import room_xml, write_world
+from tests.scene.importing.readers.mjcf.worlds import ROOM_WALLS, room_xml, write_world
 
 
 def test_a_scene_of_movable_objects_can_be_checked(tmp_path, capsys):
@@ -78,3 +78,22 @@ def test_a_disc_and_a_rod_of_the_flattest_and_thinnest_kind_can_be_pushed(tmp_pa
     )
     model = build_model(import_scene(write_world(tmp_path / "a.xml", room_xml() + thing), tmp_path / "a", movable=True))
     assert sorted(model.body("movable_0").inertia) == pytest.approx(sorted(map(float, moments.split())), abs=1e-7)
+
+
+def test_a_body_of_which_nothing_collides_stays_and_is_named(tmp_path, caplog):
+    ghost = (
+        '<body name="ghost" pos="1 0 0.5"><freejoint/>'
+        '<geom type="box" size="0.2 0.2 0.3" mass="2" contype="0" conaffinity="0"/></body>'
+    )
+    scene = import_scene(write_world(tmp_path / "a.xml", room_xml() + ghost), tmp_path / "out", movable=True)
+    assert build_model(scene).njnt == 0
+    assert "nothing of them collides: the free bodies ghost" in caplog.text
+
+
+@pytest.mark.parametrize(("storey", "number"), [("1", 0), ("2", 1)])
+def test_an_object_is_on_the_storey_of_its_mass_wherever_its_origin_lies(tmp_path, storey, number):
+    walls = ROOM_WALLS.replace(' 1.25" size', ' 3.9" size').replace("wall_", "upper_")
+    slab = '<geom type="box" size="3 3 0.1" pos="0 0 2.6"/>'
+    crate = '<body name="crate"><freejoint/><geom type="box" size="0.2 0.2 0.3" pos="1 0 3" mass="2"/></body>'
+    src = write_world(tmp_path / "a.xml", room_xml() + slab + walls + crate)
+    assert build_model(import_scene(src, tmp_path / "out", movable=True, storey=storey)).njnt == number
