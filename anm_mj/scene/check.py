@@ -9,7 +9,7 @@ from jaxtyping import Float
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import ASSETS, TOML, Scene
 from anm_mj.scene.importing.canonical_axes import find_floor, find_up
-from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_area
+from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_area, with_floor_of
 from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
 from anm_mj.scene.room_segmentation import RoomPlan, segment_rooms
 from anm_mj.types import Footprint, Pose2
@@ -49,6 +49,9 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
     """Check floor, textures, rooms and starts of a scene. Raises SceneError if one of its files cannot be read."""
     vertices, faces = scene.triangles()
     triangles = vertices[faces]
+    solid_vertices, solid_faces = scene.obstacles()
+    if solid_faces is not faces:
+        triangles = with_floor_of(triangles, solid_vertices[solid_faces])
     floor = find_floor(triangles)
     sizes = []
     for path in sorted((scene.folder / ASSETS).glob("*.png")):

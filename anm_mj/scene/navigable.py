@@ -129,6 +129,14 @@ def floor_cells(
     return np.asarray(ndimage.binary_closing(rasterise(level, grid), iterations=closing_cells), dtype=bool)
 
 
+def with_floor_of(
+    triangles_m: Float[np.ndarray, "f 3 3"], obstacles_m: Float[np.ndarray, "o 3 3"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """Triangles that are drawn, and those of obstacles at z = 0: the robot stands on a floor that nobody sees, too."""
+    is_floor = np.abs(obstacles_m[:, :, 2]).max(axis=1) <= FLOOR_TOLERANCE_M
+    return np.concatenate([triangles_m, obstacles_m[is_floor]])
+
+
 def pooled(area: NavigableArea, cells: int) -> NavigableArea:
     """The same area at ``cells`` times the cell size; each cell is as good as the best of those it replaces."""
     from skimage.measure import block_reduce

@@ -25,7 +25,7 @@ from anm_mj.scene.importing.canonical_axes import covered_share
 from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.mjcf import BOX_TOP_M, Drawn, scene_mjcf, write_msh
 from anm_mj.scene.movable import Movable
-from anm_mj.scene.navigable import NavigableArea, choose_starts, navigable_area
+from anm_mj.scene.navigable import NavigableArea, choose_starts, navigable_area, with_floor_of
 from anm_mj.scene.room_segmentation import segment_rooms
 from anm_mj.scene.submesh import Submesh, is_within, merge_geometry, without_degenerate_faces
 from anm_mj.types import DEFAULT_FOOTPRINT, Pose2
@@ -128,7 +128,8 @@ def write_scene(
         on_area(area)
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
         # A scan may have no wall that submeshes a room from the open.
-        rooms = rooms or len(segment_rooms(triangles, area).area_m2) or None
+        drawn = triangles if solid_triangles is None else with_floor_of(triangles, solid_triangles)
+        rooms = rooms or len(segment_rooms(drawn, area).area_m2) or None
     solid = obstacles or proper
     movables, boxes = _standing_free(movables, solid)
     moving = [movable.part for movable in movables]

@@ -7,6 +7,7 @@ import pytest
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.build import build_model
+from anm_mj.scene.check import check_scene
 from anm_mj.scene.collision import SLICE_Z_MAX_M
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_scene import import_scene
@@ -187,3 +188,6 @@ def test_the_robot_stands_on_a_floor_that_the_camera_does_not_see(tmp_path):
     # The walls, which are all that is drawn, begin as far below the floor.
     assert scene.bounds_m[:, 2] == pytest.approx([-0.4, 2.1])
     assert is_clear(scene, scene.starts[0], DEFAULT_FOOTPRINT)
+    assert scene.rooms == 1
+    check = check_scene(scene, DEFAULT_FOOTPRINT)
+    assert (check.floor_m, check.problems, check.holes) == (pytest.approx(0.0, abs=1e-6), (), ())
