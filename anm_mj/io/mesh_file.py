@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Num, UInt8
 
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.triangles import checked_triangles
@@ -48,13 +48,11 @@ def read_coloured_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.nda
     """Vertices (world [m]), faces and the vertices' colours of a mesh file; grey where it has none. Raises
     RunFolderError as :func:`read_mesh`.
     """
-    from trimesh.visual.color import to_rgba  # No run waits for it before its first step.
-
-    vertices, faces, rgba = _read(path)
-    if rgba is None:
+    vertices, faces, stated = _read(path)
+    if stated is None:
         return vertices, faces, np.full(vertices.shape, GREY, np.uint8)
     try:
-        rgb = to_rgba(rgba)[:, :3]
+        rgb = _rgb8(np.asarray(stated)[:, :3])
         if rgb.shape != vertices.shape:
             raise ValueError(f"{len(rgb)} colours for {len(vertices)} vertices")
     except Exception as err:
@@ -76,6 +74,15 @@ def _read(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"],
         # Readers of trimesh raise whatever the damaged bytes lead them to.
         raise _no_mesh(path, err) from err
     return vertices.astype(np.float64), faces.astype(np.int64), mesh.get("vertex_colors")
+
+
+def _rgb8(stated: Num[np.ndarray, "v c"]) -> UInt8[np.ndarray, "v c"]:
+    """Colours of 0 to 255, from shares or from whole numbers of 8 or 16 bits, whatever the type that holds them."""
+    is_whole, stated = stated.dtype.kind in "iu", np.nan_to_num(stated.astype(np.float64), posinf=0.0)
+    most = stated.max(initial=0.0)
+    # Shares may exceed 1 by a rounding; of 255, 2 is black.
+    full = 1.0 if most < 2.0 and not is_whole else 255.0 if most <= 255.0 else 65535.0
+    return np.rint(np.clip(stated / full, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def _no_mesh(path: Path, err: Exception) -> RunFolderError:

@@ -113,16 +113,27 @@ def test_a_mesh_that_cannot_be_is_one_sentence(tmp_path, x, face):
         read_coloured_mesh(tmp_path / "mesh.ply")
 
 
-def test_a_mesh_of_quads_and_of_colours_as_shares_is_read(tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "stated"),
+    [
+        ("float", "1 0.5 0"),
+        ("float", "255 128 0"),
+        ("uchar", "255 128 0"),
+        ("int", "255 128 0"),
+        ("ushort", "255 128 0"),
+        ("ushort", "65535 32767 90"),
+    ],
+)
+def test_a_mesh_of_quads_and_of_colours_of_any_type_is_read(tmp_path, kind, stated):
     (tmp_path / "mesh.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-        "property float red\nproperty float green\nproperty float blue\n"
+        f"property {kind} red\nproperty {kind} green\nproperty {kind} blue\n"
         "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        "0 0 0 1 0.5 0\n1 0 0 1 0.5 0\n1 1 0 1 0.5 0\n0 1 0 1 0.5 0\n4 0 1 2 3\n"
+        f"0 0 0 {stated}\n1 0 0 {stated}\n1 1 0 {stated}\n0 1 0 {stated}\n4 0 1 2 3\n"
     )
     vertices, faces, rgb = read_coloured_mesh(tmp_path / "mesh.ply")
     assert (len(vertices), len(faces)) == (4, 2)
-    assert rgb[0].tolist() == [255, 128, 0]
+    assert rgb[0].tolist() == pytest.approx([255, 128, 0], abs=1)
 
 
 def edit(path, change):
