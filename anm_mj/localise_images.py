@@ -151,7 +151,7 @@ def pose_error(poses: list[ImagePose], reference: Track) -> TrajectoryError | No
     warn_of_assumed_times([pose.time_s for pose in poses], reference)
     records = []
     for pose in poses:
-        true = reference.measured_at(pose.time_s)
+        true = reference.at(pose.time_s)
         if pose.T_world_camera is not None and true is not None:
             places = base_pose(pose.T_world_camera), pose.T_world_camera, base_pose(true), true
             records.append(FrameRecord(pose.step, pose.time_s, *places))

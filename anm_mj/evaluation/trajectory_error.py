@@ -151,7 +151,7 @@ def reference_error(frames: Sequence[FrameRecord], reference: Track) -> Trajecto
     """
     known: list[tuple[FrameRecord, np.ndarray]] = []
     for frame in frames:
-        pose = None if frame.is_lost else reference.measured_at(frame.time_s)
+        pose = None if frame.is_lost else reference.at(frame.time_s)
         if pose is not None:
             known.append((frame, pose))
     if len(known) < _FEWEST:

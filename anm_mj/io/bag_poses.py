@@ -14,8 +14,7 @@ from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.sequence_poses import MATCH_S, tum_matrix
 
 GAP_S = 0.5
-"""Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s], unless
-their link is one of those that hold."""
+"""Between poses that lie farther apart nothing is known [s], unless their link is one of those that hold."""
 _SAME_M, _SAME_RAD = 1e-4, 1e-4
 """A link whose poses differ by less than both never changes."""
 _SELDOM = 2
@@ -40,7 +39,9 @@ class Track:
     """Whether the pose that was added last counts at all times, as a static frame of ROS takes the place of the one
     before."""
     gap_s: float = GAP_S
-    """Between poses farther apart, and so long before the first and after the last, nothing is known [s]."""
+    """Between poses farther apart nothing is known [s]; infinite = the first and the last hold, too."""
+    hold_s: float = MATCH_S
+    """Nothing is known so long before the first pose and after the last, which are taken up to there [s]."""
     _order: np.ndarray | None = field(default=None, init=False)
 
     def add(self, time_s: float, pose: Float[np.ndarray, "7"]) -> None:
@@ -64,7 +65,7 @@ class Track:
         after = int(np.searchsorted(times, time_s))
         high = min(after, len(times) - 1)
         low = high if times[high] == time_s else max(after - 1, 0)
-        if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > self.gap_s:
+        if max(times[low] - time_s, time_s - times[high]) > self.hold_s or times[high] - times[low] > self.gap_s:
             return None
         before, behind = self.poses[order[low]], self.poses[order[high]]
         rotations = Rotation.from_quat([before[3:], behind[3:]])
@@ -72,11 +73,6 @@ class Track:
         share = float(np.clip((time_s - times[low]) / span, 0.0, 1.0)) if span > 0.0 else 0.0
         turned = rotations[0] * Rotation.from_rotvec(share * (rotations[0].inv() * rotations[1]).as_rotvec())
         return rigid_transform(turned.as_matrix().ravel(), before[:3] + share * (behind[:3] - before[:3]))
-
-    def measured_at(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
-        """:meth:`at`, but hardly before the first pose or after the last: one that is held there is no measurement."""
-        first, last = self.span_s if self.times_s else (math.inf, -math.inf)
-        return self.at(time_s) if first - MATCH_S <= time_s <= last + MATCH_S else None
 
     @property
     def span_s(self) -> tuple[float, float]:

@@ -44,9 +44,8 @@ def read_tum(folder: Path, *, needs_poses: bool = True, match_s: float = MATCH_S
         raise RunFolderError(f"{folder} has no groundtruth.txt; give --track to find its poses.")
     poses = pose_rows(truth) if truth.is_file() else []
     require_count(len(depth))
-    colour_times, pose_times = [time_s for time_s, _ in colour], [float(line[0]) for line in poses]
-    track = Track(truth.name, pose_times, [line[1:] for line in poses])
-    track.gap_s = max_gap_s
+    colour_times = [time_s for time_s, _ in colour]
+    track = Track(truth.name, [float(line[0]) for line in poses], [line[1:] for line in poses], gap_s=max_gap_s)
     chosen, found, alone = [], [], 0
     for time_s, name in depth:
         image, pose = nearest_index(colour_times, time_s, match_s), _pose(track, time_s)
@@ -105,9 +104,8 @@ def _ranges(depth: list[tuple[float, str]], others: list[Any]) -> str:
 
 def _pose(track: Track, time_s: float) -> Float[np.ndarray, "4 4"] | None:
     """The pose between those before and after a time, else the nearest one within ``MATCH_S``."""
-    times = track.times_s
-    between = track.at(time_s) if times and times[0] <= time_s <= times[-1] else None
-    nearest = None if between is not None else nearest_index(times, time_s)
+    between = track.at(time_s)
+    nearest = None if between is not None else nearest_index(track.times_s, time_s)
     return between if nearest is None else tum_matrix(track.poses[nearest][:3], track.poses[nearest][3:])
 
 

@@ -23,7 +23,8 @@ TREE = "tf"
 _MOST = 400
 """Poses of a link that are kept, at the least half of them."""
 _GAP_S, _FRAME_GAP_S = 0.3, 0.2
-"""Between poses of the odometry, or of a frame on tf, that are farther apart, nothing is known [s]."""
+"""Between poses of the odometry, or of a frame on tf, that are farther apart, nothing is known; the last one holds for
+so long, until the next one comes [s]."""
 _SAME_TIME_S = 1.0
 """Two programs publish the same link where both did so within this time [s]."""
 _BACK_S = 0.5
@@ -37,7 +38,7 @@ class Poses:
         """Know nothing yet; an empty ``base_frame`` is found."""
         self._health, self._base_frame = health, base_frame
         self._tree = FrameTree()
-        self._odometry = Track("the odometry", gap_s=_GAP_S)
+        self._odometry = Track("the odometry", gap_s=_GAP_S, hold_s=_GAP_S)
         self._frame, self._child = ODOM, BASE
         self._news = threading.Condition()
         self._publishers: dict[tuple[str, str], dict[int, float]] = {}
@@ -77,7 +78,7 @@ class Poses:
                     self._tree.track[child] = Track(f"the frame '{child}'", static=static)
                 self._tree.add(parent, child, time_s, values, static=static)
                 _shorten(self._tree.track[child])
-                self._tree.track[child].gap_s = _FRAME_GAP_S
+                self._tree.track[child].gap_s = self._tree.track[child].hold_s = _FRAME_GAP_S
                 self._news.notify_all()
             if not static:
                 there = self._publishers.setdefault((parent, child), {})

@@ -74,10 +74,9 @@ def test_a_reference_that_begins_late_is_not_held_before(reference):
     assert found.position_rmse_cm < 0.01
     assert found.final_position_error_cm < 0.01
     # Times are written in microseconds.
-    assert reference.measured_at(reference.times_s[0] - 1e-6) is not None
-    assert reference.measured_at(reference.times_s[-1] + 1e-6) is not None
-    assert reference.measured_at(reference.times_s[0] - 0.1) is None
-    assert reference.at(reference.times_s[0] - 0.1) is not None
+    assert reference.at(reference.times_s[0] - 1e-6) is not None
+    assert reference.at(reference.times_s[-1] + 1e-6) is not None
+    assert reference.at(reference.times_s[0] - 0.1) is None
 
 
 def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
