@@ -20,7 +20,7 @@ from anm_mj.types import Intrinsics
 _logger = logging.getLogger(__name__)
 
 _DEPTH_PIXELS = "first of each block"
-"""Which pixels of an image its smaller depth holds; see :mod:`anm_mj.ground_truth.reduced_depth`."""
+"""Which pixels of the camera's image its smaller depth holds; see :mod:`anm_mj.ground_truth.reduced_depth`."""
 
 
 def export_nerfstudio(run: Run, out: Path) -> list[Path]:
@@ -51,6 +51,8 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
     facts |= {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
     facts |= dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
     facts |= {"depth_unit_scale_factor": 0.001, "depth_pixels": _DEPTH_PIXELS}
+    # The images may be smaller.
+    facts["depth_pixels_of"] = [run.intrinsics.width, run.intrinsics.height]
     if len(points):
         facts["ply_file_path"] = "points.ply"
     write_json(folder / "transforms.json", {**facts, "frames": frames})

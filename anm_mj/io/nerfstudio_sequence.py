@@ -12,7 +12,7 @@ from anm_mj.frames import T_GL_CV
 from anm_mj.geometry.lens_distortion import EQUIDISTANT, LensDistortion
 from anm_mj.io.image import first_shape
 from anm_mj.io.read_run import read_json
-from anm_mj.io.run_shapes import Number, Row
+from anm_mj.io.run_shapes import Number, Pixels, Row
 from anm_mj.io.sequence import FRAME_S, Frame, LeftOut, Sequence, require_count, with_cameras
 from anm_mj.io.sequence_text import in_number_order, with_slashes
 from anm_mj.types import Intrinsics
@@ -44,6 +44,8 @@ class _Transforms(Struct):
     frames: Annotated[list[_TransformsFrame], Meta(min_length=1)]
     depth_unit_scale_factor: Number = _UNIT_M
     camera_model: str = "OPENCV"
+    depth_pixels_of: tuple[Pixels, Pixels] | None = None
+    """Width and height of the images that the depth of ours was picked from; absent = those of the images."""
 
 
 def read_nerfstudio(folder: Path) -> Sequence:
@@ -78,6 +80,8 @@ def read_nerfstudio(folder: Path) -> Sequence:
     unit = float(facts.get("depth_unit_scale_factor", _UNIT_M))
     # Images of ours keep the first pixel of each block.
     ours = facts.get("depth_pixels") == "first of each block"
+    if ours and shape.depth_pixels_of is not None:
+        camera = camera.scaled(*shape.depth_pixels_of)
     return Sequence(
         folder, camera, unit, whole, resize=True, keeps_corner_pixels=ours, distortion=bent, left_out=left_out
     )

@@ -152,9 +152,10 @@ class Sequence:
             if isinstance(frame.colour, Path) and self._is_stretched(*rgb.shape[:2]):
                 rgb = read_image(frame.colour, "RGB", turned=True)
             self._check_shape(step, rgb.shape[:2], depth_m.shape)
-            rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
-            rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
             at_corner = self.keeps_corner_pixels
+            # Whose rows and columns are reduced each for itself has no pixels of another size.
+            rows, cols = depth_m.shape if at_corner else np.minimum(rgb.shape[:2], depth_m.shape).tolist()
+            rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
             camera = camera.scaled(cols, rows, first_of_block=at_corner)
             own = None if own is None else own.scaled(cols, rows, first_of_block=at_corner)
         expected = (camera.height, camera.width)

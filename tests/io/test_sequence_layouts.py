@@ -9,10 +9,12 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
+from anm_mj.export.formats import export_run
 from anm_mj.frames import pixel_directions, transform_points
 from anm_mj.io.own_sequence import SequenceWriter
 from anm_mj.io.sequence_floor import find_floor_m
 from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
+from anm_mj.recording.record_config import RecordConfig
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, new_recorder, observe, record_steps
 
@@ -133,6 +135,21 @@ def test_a_run_folder_is_a_sequence(tmp_path):
         # Reduced depth keeps the first pixel of each block, with its own ray.
         assert observation.depth_m.shape == (128, 128)
         assert to_wall_m(observation).max() < 0.001
+
+
+@pytest.mark.parametrize("images", ["small", "full"])
+@pytest.mark.parametrize("exported", [False, True])
+def test_a_run_of_a_wide_camera_keeps_the_rays_of_its_depth(tmp_path, images, exported):
+    # Depth has 128 rows of it, a small image 102.
+    camera = Intrinsics.from_fov(640, 512, math.radians(90.0))
+    with new_recorder(tmp_path / "run", record=RecordConfig(images=images)) as recorder:
+        recorder.observation(observe(0, Pose2(0.3, -0.2, 0.4), camera))
+    path = export_run(tmp_path / "run", ["nerfstudio"], tmp_path / "out")[0] if exported else tmp_path / "run"
+    sequence, found = open_sequence(path, SequenceOptions(floor_m=0.0))
+    assert found == ("nerfstudio" if exported else "run")
+    (observation,) = sequence.observations()
+    assert observation.depth_m.shape == (128, 128)
+    assert to_wall_m(observation).max() < 0.001
 
 
 def test_another_axis_may_point_up(tmp_path):
