@@ -31,7 +31,7 @@ _ROLES = ("colour", "depth", "camera", "pose")
 """What a topic can be named for."""
 
 _SAME_CAMERA = 0.01
-"""Calibrations that differ by a smaller share of the image's width tell of one camera."""
+"""Calibrations whose numbers differ by a smaller share of their image's size tell of one camera."""
 
 _logger = logging.getLogger(__name__)
 
@@ -149,6 +149,7 @@ class _Bag(BagReader):
             unit_m,
             tuple(frames),
             resize=True,
+            keeps_corner_pixels=options.camera is None and self._is_reduced_by_axis(colour, depth),
             distortion=distortion,
             has_poses=options.needs_poses or len(missing) < len(kept),
             interpolated=missing,
@@ -205,10 +206,7 @@ class _Bag(BagReader):
 
     def _stated(self, colour: str, depth: str, camera_frame: str) -> tuple[Intrinsics, LensDistortion | None]:
         """Of the calibration beside the depth, or of the only one that has its frame."""
-        there = self.of_type(_CALIBRATION)
-        beside = [
-            topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in image_folders(images)
-        ]
+        there, beside = self.of_type(_CALIBRATION), self._beside(depth, colour)
         same = [topic for topic in there if self.first(topic).header.frame_id == camera_frame]
         rectified = is_rectified(depth)
         topic = self._taken_calibration(self.chosen("camera", there, beside[:1] or same), beside, rectified=rectified)
@@ -225,14 +223,28 @@ class _Bag(BagReader):
                 f"{self.path}: {err}; give it by --camera FX,FY,CX,CY, or record rectified images."
             ) from err
 
+    def _beside(self, *images: str) -> list[str]:
+        """The calibrations beside topics of images, in their order."""
+        there = self.of_type(_CALIBRATION)
+        return [topic for each in images for topic in there if topic.rpartition("/")[0] in image_folders(each)]
+
+    def _is_reduced_by_axis(self, colour: str, depth: str) -> bool:
+        """Whether colour and depth show all that one camera sees in pixels of different aspect, as the bag of a run."""
+        one, other = (self._beside(images)[:1] for images in (depth, colour))
+        if not (one and other):
+            return False
+        mine, theirs = self.first(one[0]), self.first(other[0])
+        is_one = _difference(mine, theirs, rectified=is_rectified(depth)) <= _SAME_CAMERA
+        return is_one and mine.width * theirs.height != mine.height * theirs.width
+
     def _taken_calibration(self, topic: str, beside: list[str], *, rectified: bool) -> str:
         """Of calibrations beside depth and colour that differ, that of the colour, where all are of one frame."""
         taken = self.first(topic)
         for other in beside:
             also = self.first(other)
-            mine, theirs = (_pinhole(info, rectified=rectified) for info in (taken, also))
-            if np.abs(mine - theirs).max() <= _SAME_CAMERA * max(taken.width, 1):
+            if _difference(taken, also, rectified=rectified) <= _SAME_CAMERA:
                 continue
+            mine, theirs = (_pinhole(info, rectified=rectified) for info in (taken, also))
             # Depth in the frame of the colour is registered to it, and seen by its camera.
             is_registered = (taken.header.frame_id, taken.width) == (also.header.frame_id, also.width)
             used, unused = (other, topic) if is_registered and "camera" not in self.options.topics else (topic, other)
@@ -250,6 +262,15 @@ class _Bag(BagReader):
             )
             return used
         return topic
+
+
+def _difference(one: Any, other: Any, *, rectified: bool) -> float:
+    """Of the numbers of two calibrations, in shares of the size of their images."""
+    mine, theirs = (
+        _pinhole(info, rectified=rectified) / np.maximum(np.tile((info.width, info.height), 2), 1)
+        for info in (one, other)
+    )
+    return float(np.abs(mine - theirs).max())
 
 
 def _words(numbers: Float[np.ndarray, " n"]) -> str:

@@ -138,15 +138,15 @@ def test_a_run_folder_is_a_sequence(tmp_path):
 
 
 @pytest.mark.parametrize("images", ["small", "full"])
-@pytest.mark.parametrize("exported", [False, True])
+@pytest.mark.parametrize("exported", ["run", "nerfstudio", "rosbag"])
 def test_a_run_of_a_wide_camera_keeps_the_rays_of_its_depth(tmp_path, images, exported):
     # Depth has 128 rows of it, a small image 102.
     camera = Intrinsics.from_fov(640, 512, math.radians(90.0))
     with new_recorder(tmp_path / "run", record=RecordConfig(images=images)) as recorder:
         recorder.observation(observe(0, Pose2(0.3, -0.2, 0.4), camera))
-    path = export_run(tmp_path / "run", ["nerfstudio"], tmp_path / "out")[0] if exported else tmp_path / "run"
+    path = tmp_path / "run" if exported == "run" else export_run(tmp_path / "run", [exported], tmp_path / "out")[0]
     sequence, found = open_sequence(path, SequenceOptions(floor_m=0.0))
-    assert found == ("nerfstudio" if exported else "run")
+    assert found == exported
     (observation,) = sequence.observations()
     assert observation.depth_m.shape == (128, 128)
     assert to_wall_m(observation).max() < 0.001
