@@ -73,6 +73,11 @@ def depth_image(message: Any, unit_m: float, *, far: bool = False) -> Float32[np
     return np.where(kept | (far & np.isposinf(depth_m)), depth_m, np.float32(np.nan))
 
 
+def states_metres(message: Any) -> bool:
+    """Whether a depth image is floating point, which is in metres."""
+    return getattr(message, "encoding", None) == "32FC1" or getattr(message, "format", "").startswith("32FC1")
+
+
 def _is_deep_png(message: Any) -> bool:
     """Whether compressed data are a PNG of one channel of 16 bits, whatever their format says, as ``png`` alone."""
     start = bytes(np.asarray(message.data[: _PNG_TYPE.stop], np.uint8))

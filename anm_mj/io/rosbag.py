@@ -18,7 +18,7 @@ from jaxtyping import Float
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_files import readable_parts
-from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
+from anm_mj.io.bag_images import colour_image, depth_image, encoding_of, states_metres
 from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_reader import BagReader, Stamp
 from anm_mj.io.sequence import Frame, LeftOut, Sequence, SequenceOptions, from_pixel_centres
@@ -37,9 +37,9 @@ _logger = logging.getLogger(__name__)
 
 
 def read_recording(path: Path, options: SequenceOptions) -> Sequence:
-    """Open a recording. Its depth is in millimetres, as REP 118 has it, unless the options say another unit of 16-bit
-    values; the topic of ``pose`` may be ``tf``. Raises RunFolderError if the package rosbags is missing, the bag cannot
-    be read, or it does not say where the camera was.
+    """Open a recording. Its depth is in millimetres, or metres in floating point, as REP 118 has it, unless the options
+    say another unit; the topic of ``pose`` may be ``tf``. Raises RunFolderError if the package rosbags is missing, the
+    bag cannot be read, or it does not say where the camera was.
     """
     unknown = [role for role in options.topics if role not in _ROLES]
     if unknown:
@@ -154,6 +154,7 @@ class _Bag(BagReader):
             has_poses=options.needs_poses or len(missing) < len(kept),
             interpolated=missing,
             left_out=left_out,
+            reads_metres=states_metres(self.first(depth)),
         )
 
     def _by_recording(self, depths: list[Stamp], colours: list[Stamp]) -> tuple[list[Stamp], list[Stamp]]:

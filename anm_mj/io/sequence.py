@@ -104,6 +104,8 @@ class Sequence:
     """What the files hold beside the frames."""
     max_bad: float = MAX_BAD
     """Largest share of frames whose images may be such that they cannot be used."""
+    reads_metres: bool = False
+    """Whether functions that read depth read floating point, to which ``depth_unit_m`` does not apply."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -179,11 +181,11 @@ class Sequence:
     @property
     def states_metres(self) -> bool:
         """Whether its files hold depth in floating point, to which ``depth_unit_m`` does not apply; False where none
-        can be read, and of a bag.
+        can be read.
         """
         for frame in self.frames:
             if not isinstance(frame.depth, Path):
-                return False
+                return self.reads_metres
             with suppress(RunFolderError):
                 return read_pixels(frame.depth).dtype.kind not in "iu"
         return False

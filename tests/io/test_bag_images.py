@@ -50,6 +50,17 @@ def test_compressed_depth(tmp_path, kind):
         np.testing.assert_allclose(found.depth_m, seen()[step].depth_m, atol=tolerance)
 
 
+def test_floats_of_another_unit(tmp_path):
+    def in_millimetres(_, k):
+        return image(100.0 + seen()[k].time_s, 1000.0 * seen()[k].depth_m.astype(np.float32), "32FC1")
+
+    path = write_bag(tmp_path / "bag", changed(DEPTH, in_millimetres))
+    sequence, _ = open_sequence(path, SequenceOptions(depth_unit_m=0.001, floor_m=0.0))
+    assert sequence.stated_unit_m == 0.001
+    for found, step in zip(sequence.observations(), (0, 1, 2, 4, 5), strict=True):
+        np.testing.assert_allclose(found.depth_m, seen()[step].depth_m, rtol=1e-5)
+
+
 def test_depth_beyond_everything_is_none(tmp_path):
     def far(message, k):
         depth_m = seen()[k].depth_m.copy()
