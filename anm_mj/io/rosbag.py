@@ -53,7 +53,7 @@ def read_recording(path: Path, options: SequenceOptions) -> Sequence:
     except RunFolderError:
         raise
     except Exception as err:
-        raise _unreadable(path, err) from err
+        raise unreadable(path, err) from err
 
 
 def open_bag(path: Path) -> Any:
@@ -73,10 +73,10 @@ def open_bag(path: Path) -> Any:
         reader.open()
         return reader
     except Exception as err:
-        raise _unreadable(path, err) from err
+        raise unreadable(path, err) from err
 
 
-def _unreadable(path: Path, err: Exception) -> RunFolderError:
+def unreadable(path: Path, err: Exception) -> RunFolderError:
     """Of whatever damaged bytes lead a reader to."""
     return RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).")
 

@@ -3,13 +3,13 @@
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.rosbag import open_bag
+from anm_mj.io.rosbag import open_bag, unreadable
 from anm_mj.ros.node import FRAMES, LATCHED, STATE, Delivery, Node, Publisher
 
 _ALWAYS_LATCHED = {"tf_static": FRAMES, "robot_description": LATCHED}
@@ -41,7 +41,7 @@ def play(
             raise RunFolderError(f"{path} is a bag of ROS 1, whose messages ROS 2 does not read; convert it.")
         to = _publishers(reader, node)
         begin = time.monotonic() + _AHEAD_S
-        for connection, at_ns, raw in reader.messages([one for one in reader.connections if one.topic in to]):
+        for connection, at_ns, raw in _messages(path, reader, to):
             at_s = 1e-9 * (at_ns - reader.start_time)
             if at_s > duration_s:
                 break
@@ -52,6 +52,20 @@ def play(
             to[connection.topic].publish_cdr(bytes(raw))
             count += 1
     return count
+
+
+def _messages(path: Path, reader: Any, topics: Collection[str]) -> Iterator[tuple[Any, int, bytes]]:
+    """The messages of some topics, with their connections and times [ns]. Raises RunFolderError where one cannot be
+    read.
+    """
+    # The package takes no connections for all of them.
+    if not topics:
+        return
+    try:
+        yield from reader.messages([one for one in reader.connections if one.topic in topics])
+    except Exception as err:
+        # Readers raise whatever the damaged bytes lead them to.
+        raise unreadable(path, err) from err
 
 
 def _publishers(reader: Any, node: Node) -> dict[str, Publisher]:

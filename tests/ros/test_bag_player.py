@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import get_types_from_msg
 
 from anm_mj.cli.main import main
 from anm_mj.errors import RunFolderError
@@ -75,6 +76,33 @@ def test_what_is_no_recording_is_told(tmp_path: Path, node: Node):
     (tmp_path / "x.mcap").write_bytes(b"no bag")
     with pytest.raises(RunFolderError, match="cannot be read as a recording"):
         play(tmp_path / "x.mcap", node)
+
+
+def test_a_recording_of_unknown_types_alone_says_nothing(tmp_path: Path, node: Node, caplog):
+    store, kind = RosMessages().store, "my_msgs/msg/Level"
+    store.register(get_types_from_msg("float64 percent\n", kind))
+    with Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        battery = writer.add_connection("/battery", kind, typestore=store)
+        writer.write(battery, 10**9, store.serialize_cdr(store.types[kind](percent=80.0), kind))
+    assert play(tmp_path / "bag", node) == 0
+    assert "/battery is left out: its type my_msgs/msg/Level is not known." in caplog.text
+
+
+def test_a_recording_that_is_damaged_in_the_middle_is_one_sentence(tmp_path: Path, node: Node):
+    make = RosMessages()
+    writer = Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        depth = writer.add_connection("/depth", IMAGE, typestore=make.store)
+        for k in range(40):
+            noise = np.random.default_rng(k).integers(0, 9, (64, 64, 3)).astype(np.uint8)
+            writer.write(depth, 10**9 + k, make.to_cdr(make.image(1.0, "camera", noise)))
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    content = bytearray(file.read_bytes())
+    content[20_000:20_100] = bytes(100)
+    file.write_bytes(content)
+    with pytest.raises(RunFolderError, match="cannot be read as a recording"):
+        play(tmp_path / "bag", node)
 
 
 @pytest.mark.parametrize("rate", ["0", "-1", "nan"])
