@@ -27,6 +27,8 @@ _REACTION_S = 0.15
 """What a robot drives before a command is effective: images, wire and motors are late by this [s]."""
 _POINTS = 5000
 """About so many pixels are looked at for obstacles."""
+_LONG_S = 2.0
+"""A robot at rest says what is wrong once it has lasted so long [s]: a busy machine hears of nothing for moments."""
 _FEWEST = 4
 """Fewer points are noise rather than an obstacle."""
 
@@ -77,6 +79,8 @@ class Commander:
         self._reach_m = math.inf
         self._active_until_s = 0.0
         self._said: str | None = None
+        self._well_s = time.monotonic()
+        """When nothing was wrong last [s]."""
         self.stamp_s: Callable[[], float] = time.time
         """The robot's clock, for stamped velocities; one that raises RobotError is a fault."""
         self._stamped_s = 0.0
@@ -130,11 +134,14 @@ class Commander:
                 self._send()
 
     def _say(self, fault: str | None) -> None:
-        """Tell why the robot stops, and that it goes on."""
-        if fault is not None and self._said is None and self._wanted != STILL:
+        """Tell why the robot stops, or does not begin to move, and that it goes on."""
+        now_s, drives = time.monotonic(), self._wanted != STILL
+        if fault is None:
+            self._well_s = now_s
+        elif self._said is None and (drives or now_s - self._well_s > _LONG_S):
             self._said = fault
-            _logger.warning("The robot stops: %s.", fault)
-        elif fault is None and self._said is not None:
+            _logger.warning("The robot %s: %s.", "stops" if drives else "waits", fault)
+        if fault is None and self._said is not None:
             self._said = None
             _logger.warning("The robot goes on: everything is back.")
 

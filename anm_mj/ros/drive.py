@@ -102,7 +102,7 @@ def _parts(
     waits, asked = options["waits"], options["is_over"]
     with connect(config, asked) as to:
         publisher = MapPublisher(to)
-        to.poses.on_pose = publisher.tell
+        to.poses.on_pose, to.node.on_look = publisher.tell, publisher.diagnose
         control = Control(to.node, mapper, policy, state, waits=waits)
         publisher.command = lambda: control.last
         to.robot.is_over = lambda: asked() or control.is_over

@@ -62,9 +62,10 @@ class MapPublisher:
         elif isinstance(event, Ended):
             self._state = f"ended: {event.stop_reason}"
             self.tell(force=True)
+            self.diagnose(force=True)
 
     def tell(self, *, force: bool = False) -> None:
-        """Publish ``map`` to odometry in the tree of frames, and, each second, the state; called with each pose."""
+        """Publish ``map`` to odometry in the tree of frames; called with each pose."""
         now_s, told_s = self._poses.latest_s, time.monotonic()
         if not np.isfinite(now_s) or (told_s - self._told_s < TELL_S and not force):
             return
@@ -72,9 +73,6 @@ class MapPublisher:
         links = [(MAP, self._poses.odometry_frame, self._T_map_odom)]
         if self._poses.odometry_frame != MAP:
             self._to[TF].publish(self._node.messages.transforms(now_s, links))
-        if force or told_s - self._said_s > 1.0:
-            self._said_s = told_s
-            self._diagnose(now_s)
 
     def _observed(self, seen: Observation, estimate: PoseEstimate | None) -> None:
         self._now_s = seen.time_s
@@ -119,7 +117,12 @@ class MapPublisher:
         colours = np.stack([255 * share, 255 * (1.0 - share), np.full(len(share), 60.0)], axis=1).astype(np.uint8)
         self._to["explore/surface"].publish(self._node.messages.cloud(self._now_s, MAP, points, colours))
 
-    def _diagnose(self, now_s: float) -> None:
+    def diagnose(self, *, force: bool = False) -> None:
+        """Publish the state each second, whatever else is silent; called more often than that."""
+        now_s, said_s = self._poses.latest_s, time.monotonic()
+        if not np.isfinite(now_s) or (said_s - self._said_s < 1.0 and not force):
+            return
+        self._said_s = said_s
         make, fault = self._node.messages, self._health.present()
         values = [
             make.make("diagnostic_msgs/msg/KeyValue", key=key, value=value)

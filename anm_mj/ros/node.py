@@ -6,7 +6,8 @@ import functools
 import logging
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from cyclonedds._clayer import ddspy_take, ddspy_write
@@ -156,6 +157,9 @@ class Node:
         self._types = DdsTypes(self.messages.store)
         self._namespace = require_name(namespace.strip("/")) if namespace.strip("/") else ""
         self._on_bad = on_bad or (lambda topic, what: _logger.warning("%s: %s", topic, what))
+        self.on_look: Callable[[], object] = lambda: None
+        """Called in the thread of the callbacks after each look for messages, of which there are five a second at
+        least."""
         self.number = number = domain_id()
         config = network_config()
         try:
@@ -243,12 +247,16 @@ class Node:
                 taken = ddspy_take(reader._ref, _ANY, 100)
                 for data, about in taken if isinstance(taken, list) else ():
                     if about.valid_data:
-                        self._hear(data, about.publication_handle, name, parse, heard)
+                        with self._going_on(name):
+                            heard(parse(data), about.publication_handle)
+            with self._going_on("ros"):
+                self.on_look()
 
-    def _hear(self, data: bytes, publisher: int, name: str, parse: Parse, heard: Heard) -> None:
-        """Hand a message on; whatever anybody sends, the thread goes on."""
+    @contextmanager
+    def _going_on(self, name: str) -> Iterator[None]:
+        """Whatever anybody sends, the thread goes on."""
         try:
-            heard(parse(data), publisher)
+            yield
         except Exception as err:
             says = isinstance(err, ValueError | RobotError)
             self._on_bad(name, f"{err}".removesuffix(".") if says else f"{type(err).__name__}: {err}")

@@ -1,8 +1,16 @@
 """What stops a live robot, and when, by a clock that the test sets."""
 
+import itertools
+from contextlib import closing
+from unittest.mock import Mock
+
 import pytest
 
+from anm_mj.ros import commander
+from anm_mj.ros.drive_config import RosConfig
 from anm_mj.ros.health import Health
+from anm_mj.ros.node import Node
+from tests.ros.conftest import wait_until
 
 TIMEOUT_S = 0.25
 ODOMETRY, DEPTH = "the odometry on /odom", "the depth on /depth"
@@ -67,3 +75,15 @@ def test_a_clock_that_jumps_is_a_fault_for_half_a_second(health: Health, clock: 
         for source in (ODOMETRY, DEPTH):
             health.hear(source, 7.5 + jump_s)
         assert health.present() is None
+
+
+def test_a_robot_at_rest_says_what_it_waits_for(monkeypatch, caplog):
+    monkeypatch.setattr(commander, "_LONG_S", 0.3)
+    health = Health(0.1)
+    health.expect("the depth on /depth")
+    with closing(commander.Commander(Mock(spec=Node), RosConfig(), health, dry=True)):
+        wait_until(lambda: "The robot waits: nothing was heard of the depth on /depth for 0.1 s." in caplog.text)
+        stamps = itertools.count(1)
+        wait_until(
+            lambda: (health.hear("the depth on /depth", 0.1 * next(stamps)), "The robot goes on" in caplog.text)[1]
+        )
