@@ -33,7 +33,8 @@ _BLOCKING_S = 0.02
 _NO_LIMIT = -1
 _POLL_S = 0.2
 """The thread of the subscriptions looks so often whether it is to end [s]."""
-_NAME = re.compile(r"(/?[A-Za-z_]\w*)+")
+# Each letter can be read in one way alone: else a wrong name of 40 letters takes days.
+_NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _NUMBERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64")
 _BASE = {name: getattr(idl, name) for name in _NUMBERS} | {
     "bool": bool,

@@ -125,7 +125,9 @@ def test_the_network_is_this_machine_alone_where_the_environment_says_so():
         network_config({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
 
 
-@pytest.mark.parametrize("name", ["1st", "a//b", "a b", "a/", ""])
+@pytest.mark.parametrize(
+    "name", ["1st", "a//b", "a b", "a/", "", "kamerä", "camera_on_the_left/depth_registered_to_colour-1"]
+)
 def test_names_that_ros_does_not_have_are_refused(node: Node, name: str):
     with pytest.raises(ConfigError, match="is no name of ROS 2"):
         node.name(name)
