@@ -39,9 +39,11 @@ def frame_metrics(
     from anm_mj.viz.plots import draw_fit
 
     positions = np.array([record.T_world_camera[:3, 3] for record in records])
-    say_misfits(fits, positions, [record.time_s for record in records], [record.step for record in records])
+    steps = [record.step for record in records]
+    fitting, residual_m = [fit.fitting for fit in fits], [fit.residual_m for fit in fits]
+    say_misfits(fits, positions, [record.time_s for record in records], steps)
     with writing(folder.fit_picture):
-        draw_fit(folder.fit_picture, [fit.fitting for fit in fits], [fit.residual_m for fit in fits], misfits(fits))
+        draw_fit(folder.fit_picture, steps, fitting, residual_m, misfits(fits))
     used = 100.0 * float(np.mean([record.is_mapped for record in records]))
     return {"used_percent": used, **fit_metrics(fits), **({} if verdict is None else facts(verdict))}
 

@@ -122,21 +122,25 @@ def curve_figure(
 
 
 def draw_fit(
-    path: Path, fitting: Sequence[float | None], residual_m: Sequence[float | None], misfits: Sequence[int]
+    path: Path,
+    steps: Sequence[int],
+    fitting: Sequence[float | None],
+    residual_m: Sequence[float | None],
+    misfits: Sequence[int],
 ) -> None:
-    """Draw how well the frames of a recorded sequence fit their map. ``fitting`` is the share of the known points that
-    the map confirms, None where it knows too little, ``residual_m`` their median distance from the surface; ``misfits``
-    are frames that do not fit.
+    """Draw how well the frames of a recorded sequence fit their map. ``steps`` are their numbers in the sequence;
+    ``fitting`` is the share of the known points that the map confirms, None where it knows too little, ``residual_m``
+    their median distance from the surface; ``misfits`` are the indices of frames that do not fit.
     """
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for axes, values, label in ((upper, fitting, "fitting points [%]"), (lower, residual_m, "residual [cm]")):
-        known = [(at, 100.0 * value) for at, value in enumerate(values) if value is not None]
+        known = [(step, 100.0 * value) for step, value in zip(steps, values, strict=True) if value is not None]
         axes.plot(*np.reshape(known, (-1, 2)).T, ".-", markersize=3, linewidth=0.8)
         axes.set_ylabel(label)
         axes.set_ylim(bottom=0.0)
         for at in misfits:
-            axes.axvline(at, color="#c44e52", alpha=0.4, linewidth=1.0)
+            axes.axvline(steps[at], color="#c44e52", alpha=0.4, linewidth=1.0)
     lower.set_xlabel("frame")
     save_figure(figure, path)
 

@@ -1,8 +1,14 @@
 """What misfits of frames look like."""
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.mapping_results import frame_metrics
 from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, jumps, misfits, say_misfits
+from anm_mj.types import Pose2
+from anm_mj.viz import plots
 
 GOOD, BAD, UNKNOWN = FrameFit(0.9, 0.98, 0.01), FrameFit(0.9, 0.2, 0.05), FrameFit(0.1, None, None)
 WAY = np.arange(12)[:, None] * np.array([0.1, 0.0, 0.0])
@@ -19,6 +25,19 @@ def test_a_single_outlier_is_named(caplog):
     assert "jump: 1.80 m at frame 8 (7.000 s)" in caplog.text
     assert "those before: 8." in caplog.text
     assert "single outliers" in caplog.text
+
+
+def test_the_picture_numbers_frames_as_the_warning_does(tmp_path, caplog, monkeypatch):
+    drawn: list[Figure] = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure))
+    fits, where = [UNKNOWN] * 3 + [GOOD] * 4 + [BAD] + [GOOD] * 4, (Pose2(0.0, 0.0, 0.0), np.eye(4))
+    # The images of 20 frames could not be read.
+    steps = [step if step < 5 else step + 20 for step in range(12)]
+    frame_metrics(RunFolder(tmp_path), fits, [FrameRecord(step, 0.1 * step, *where, *where) for step in steps], None)
+    assert "those before: 27." in caplog.text
+    values, marks = drawn[0].axes[0].get_lines()
+    assert values.get_xdata().tolist() == steps[3:]
+    assert marks.get_xdata() == [27, 27]
 
 
 def test_two_interleaved_tracks_are_named(caplog):
