@@ -275,7 +275,7 @@ class _Mapping:
         with watch.stage("map"):
             observation, estimate = find_moved(observation, estimate, self._map)
         with watch.stage("check"):
-            fit = frame_fit(observation, self._map)
+            fit = frame_fit(observation, self._map, estimate)
         with watch.stage("map"):
             update = integrate(observation, estimate, self._tracker, self._map)
         state.last = observation

@@ -38,7 +38,8 @@ def frame_metrics(
     """
     from anm_mj.viz.plots import draw_fit
 
-    positions = np.array([record.T_world_camera[:3, 3] for record in records])
+    lost = np.array([record.is_lost for record in records])
+    positions = np.where(lost[:, None], np.nan, [record.T_world_camera[:3, 3] for record in records])
     steps = [record.step for record in records]
     fitting, residual_m = [fit.fitting for fit in fits], [fit.residual_m for fit in fits]
     say_misfits(fits, positions, [record.time_s for record in records], steps)

@@ -184,6 +184,7 @@ def test_a_gap_is_lost_named_and_not_mapped(tmp_path, capsys, monkeypatch):
     lost = [frame["step"] for frame in frames if frame["localisation"]["state"] == "LOST"]
     assert lost
     assert lost[0] in GAP
+    assert all(frames[step]["fit"]["fitting"] is None for step in lost)
     assert metrics["lost_percent"] == pytest.approx(100.0 * len(lost) / FRAMES)
     assert f"LOST in {len(lost)} of 30 frames: {lost[0]}" in said(capsys)
     assert len((out / "trajectory_camera.tum").read_text().splitlines()) == FRAMES - len(lost)

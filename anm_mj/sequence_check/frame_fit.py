@@ -12,6 +12,7 @@ from jaxtyping import Float64
 
 from anm_mj.io.sequence import ranges_text
 from anm_mj.localisation.frame_points import grid_points
+from anm_mj.localisation.localiser import PoseEstimate, TrackingState
 from anm_mj.localisation.map_probe import agreement
 from anm_mj.types import Observation
 
@@ -52,10 +53,13 @@ class FrameFit:
     """Median distance of the confirmed points from the map's surface."""
 
 
-def frame_fit(observation: Observation, neural_map: NeuralMap) -> FrameFit:
-    """Hold a frame against the map, before it enters that."""
+def frame_fit(observation: Observation, neural_map: NeuralMap, estimate: PoseEstimate | None = None) -> FrameFit:
+    """Hold a frame against the map, before it enters that; ``estimate`` is what localisation says of its pose. Where
+    nobody knows that, nothing is known of its points.
+    """
     points = grid_points(observation, POINTS)
-    if observation.step < _FIRST or not len(points):
+    is_lost = estimate is not None and estimate.state is TrackingState.LOST
+    if observation.step < _FIRST or is_lost or not len(points):
         return FrameFit(0.0, None, None)
     found = agreement(points, observation.T_world_camera, neural_map.occupancy.by_depth)
     if found.known < _KNOWN:
@@ -93,7 +97,7 @@ def misfits(fits: Sequence[FrameFit]) -> list[int]:
 
 def jumps(positions_m: Float64[np.ndarray, "n 3"], wrong: Sequence[int]) -> list[int]:
     """Numbers of the frames whose pose lies much farther from the one before than is usual. Of frames that do not fit
-    the map, ``wrong``, a smaller jump is one.
+    the map, ``wrong``, a smaller jump is one; to and from a position of NaN, as of a lost camera, none is.
     """
     steps = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
     moving = steps[steps > _STILL_M]

@@ -1,14 +1,20 @@
 """What misfits of frames look like."""
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord
+from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS
+from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping_results import frame_metrics
-from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, jumps, misfits, say_misfits
+from anm_mj.sequence_check.frame_fit import FrameFit, fit_metrics, frame_fit, jumps, misfits, say_misfits
 from anm_mj.types import Pose2
 from anm_mj.viz import plots
+from tests.box_room import observe
 
 GOOD, BAD, UNKNOWN = FrameFit(0.9, 0.98, 0.01), FrameFit(0.9, 0.2, 0.05), FrameFit(0.1, None, None)
 WAY = np.arange(12)[:, None] * np.array([0.1, 0.0, 0.0])
@@ -38,6 +44,23 @@ def test_the_picture_numbers_frames_as_the_warning_does(tmp_path, caplog, monkey
     values, marks = drawn[0].axes[0].get_lines()
     assert values.get_xdata().tolist() == steps[3:]
     assert marks.get_xdata() == [27, 27]
+
+
+def test_a_lost_camera_fits_no_map_and_does_not_jump(tmp_path, caplog):
+    seen, quality = observe(7, Pose2(0.3, 0.0, 0.2)), RegistrationQuality(1.0, 1.0, 6)
+    neural_map = NeuralMap(MAPPING_PRESETS["quick"](), seed=0, device="cpu")
+    neural_map.integrate(seen)
+    estimate = PoseEstimate(seen, 1e-4 * np.eye(6), quality, TrackingState.TRACKING, usable=True)
+    assert frame_fit(seen, neural_map, estimate).known > 0.9
+    assert frame_fit(seen, neural_map, replace(estimate, state=TrackingState.LOST)) == FrameFit(0.0, None, None)
+
+    records = []
+    for step, xyz in enumerate(WAY):
+        T = np.eye(4)
+        T[:3, 3] = xyz + (4.0 if step in (5, 6) else 0.0)
+        records.append(FrameRecord(step, 0.1 * step, seen.pose, T, seen.pose, T, is_lost=step in (5, 6)))
+    frame_metrics(RunFolder(tmp_path), [GOOD] * 12, records, None)
+    assert "jump" not in caplog.text
 
 
 def test_two_interleaved_tracks_are_named(caplog):
