@@ -134,6 +134,9 @@ def describe_robot(
     config, camera = config or RobotConfig(), camera or CameraConfig()
     spec = given or _read(path)
     name_all(spec.bodies, "body")
+    for joint in spec.joints:
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.name:
+            joint.name = unused_name("base", spec.joint)
     name_all(spec.joints, "joint")
     # Where a camera has a name, those without one are not the robot's eyes.
     if not any(camera.name for camera in spec.cameras if camera.parent.name != "world"):

@@ -128,13 +128,14 @@ def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:
 
 
 def give_free_joint(spec: mujoco.MjSpec, root: str, name: str) -> str:
-    """Name of the root's free joint; one that is added replaces all other joints of the root with their actuators."""
+    """Name of the root's free joint; one that is added, by this ``name``, replaces all other joints of the root with
+    their actuators.
+    """
     body = spec.body(root)
     free = next((joint for joint in body.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE), None)
     if free is None:
         remove_joints(spec, {joint.name for joint in body.joints})
         free = body.add_freejoint()
-    if not free.name or free.name.startswith("joint_"):
         free.name = name
     return free.name
 

@@ -76,6 +76,15 @@ def test_it_drives(tmp_path, changes):
     assert math.degrees(test.turned_rad) == pytest.approx(90.0, abs=1.0)
 
 
+@pytest.mark.parametrize("name", ["joint_base", "joint_0"])
+def test_a_free_joint_keeps_the_name_that_actuators_know_it_by(tmp_path, name):
+    free = ('<geom type="box"', f'<freejoint name="{name}"/><geom type="box"')
+    thruster = ("</actuator>", f'<general joint="{name}" gear="0 0 1 0 0 0"/></actuator>')
+    robot = describe_robot(written(tmp_path, free, thruster))
+    assert robot.base_joints == (name,)
+    assert drive_over_a_floor(robot).fault is None
+
+
 def test_sensors_on_its_own_wheels_stay(tmp_path):
     added = '<jointpos name="a" joint="wheel_left"/><framepos name="b" objtype="body" objname="crate"/>'
     crate = '<worldbody><body name="crate" pos="3 0 0"><geom size="0.1"/></body>'
