@@ -122,7 +122,7 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
 
 def _robot_hash(robot: str) -> str:
     """Of a robot's file; empty for a name. Raises RobotError if there is no such robot, or its file cannot be read."""
-    from anm_mj.robot.description import file_hash
+    from anm_mj.sim.describe_file import file_hash
 
     path = robot_path(robot)
     return file_hash(path) if os.path.isfile(robot) else ""

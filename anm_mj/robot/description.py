@@ -7,6 +7,7 @@ follow from the geoms.
 
 import hashlib
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -124,12 +125,14 @@ def describe_robot(
     image_px: int = 256,
     *,
     given: mujoco.MjSpec | None = None,
+    most_radps: Mapping[str, float] | None = None,
 ) -> RobotDescription:
     """Read a robot from an MJCF file.
 
     ``config`` says how where the file leaves that open, ``camera`` what differs from its camera, and ``image_px`` the
-    width and height of its image where ``camera`` does not [px]. ``given`` is what another reader made of the file; it
-    is changed. Raises RobotError if the file cannot be read, lacks a part, or does not move over a floor.
+    width and height of its image where ``camera`` does not [px]. ``given`` is what another reader made of the file,
+    which is changed, and ``most_radps`` the highest speeds of hinges, by name, that it does not hold [rad/s]. Raises
+    RobotError if the file cannot be read, lacks a part, or does not move over a floor.
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
     spec = given or _read(path)
@@ -182,12 +185,14 @@ def describe_robot(
 
     notes: list[str] = []
     if base.wheels:
-        motors, top_radps, notes = fit_servos(spec, model, (*drive.left, *drive.right), base.wheel_radius_m)
+        motors, top_radps, notes = fit_servos(
+            spec, model, (*drive.left, *drive.right), base.wheel_radius_m, most_radps or {}
+        )
         if top_radps * base.wheel_radius_m < _SLOWEST_MPS:
             raise RobotError(
                 f"The wheels of {path} turn by {top_radps:.3g} rad/s at most, which moves the robot by "
                 f"{top_radps * base.wheel_radius_m:.2g} m/s; it must be {_SLOWEST_MPS:g} m/s at least: widen the "
-                "ctrlrange of their actuators."
+                "ctrlrange of their actuators, or the velocity of their limits in a URDF."
             )
         replace_wheel_contacts(spec, model, base.wheels)
     else:
@@ -230,9 +235,11 @@ def describe_robot(
     )
 
 
-def file_hash(path: Path) -> str:
-    """What tells a robot's file, with its meshes, from other files. Raises RobotError if it cannot be read."""
-    spec = _read(path)
+def spec_hash(path: Path, given: mujoco.MjSpec | None = None) -> str:
+    """What tells a robot's file, with its meshes, from other files. ``given`` is what another reader made of it. Raises
+    RobotError if it cannot be read.
+    """
+    spec = given or _read(path)
     return _hash(spec, _compiled(spec, path))
 
 

@@ -3,6 +3,8 @@
 Servos of the file stay where they are strong enough.
 """
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -37,9 +39,14 @@ _SERVO_HZ = 40.0
 
 
 def fit_servos(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[str, ...], radius_m: float
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    wheels: tuple[str, ...],
+    radius_m: float,
+    most_radps: Mapping[str, float],
 ) -> tuple[tuple[str, ...], float, list[str]]:
     """Give every wheel (named by its hinge; radius [m]) one velocity servo [rad/s]; the spec is changed in place.
+    ``most_radps`` are the speeds that the file states for some hinges besides those of its servos, by name [rad/s].
 
     Returns:
         Names of the servos; the highest speed that the file allows [rad/s], infinite without a limit; what was changed.
@@ -48,7 +55,8 @@ def fit_servos(
     armature = sum(float(model.dof_armature[model.joint(wheel).dofadr[0]]) for wheel in wheels)
     kv = _KV_PER_INERTIA * (float(model.body_subtreemass[0]) * radius_m**2 + armature) * 2.0 / len(wheels)
     least = least_armature(model, radius_m)
-    names, top_radps, replaced = [], np.inf, []
+    names, replaced = [], []
+    top_radps = min((most_radps[wheel] for wheel in wheels if wheel in most_radps), default=np.inf)
     for wheel in wheels:
         on_wheel = [actuator for actuator in spec.actuators if actuator.target == wheel]
         servo = next((a for a in on_wheel if _is_fit(model, a.name, wheel, kv, least)), None)

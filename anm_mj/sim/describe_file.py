@@ -1,5 +1,6 @@
 """Describes a robot from a file of any kind: an MJCF, a URDF with the meshes that ROS finds, or one with macros."""
 
+import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.mjcf.read_mjcf import MAX_ROBOT_ELEMENTS, quiet_mujoco, root_tag
-from anm_mj.robot.description import RobotDescription, describe_robot
+from anm_mj.robot.description import RobotDescription, describe_robot, spec_hash
 from anm_mj.robot.robot_config import CameraConfig, RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.scene.importing.readers.import_report import ImportReport
@@ -23,21 +24,34 @@ def describe_file(
     """The robot of an MJCF or URDF file; see :func:`~anm_mj.robot.description.describe_robot`.
 
     A URDF's meshes are found as ROS and Gazebo find them and may be of any format that scenes take. Of each its convex
-    hull is kept, all that MuJoCo collides with. Raises RobotError as ``describe_robot``, or if macros cannot be
-    expanded, or a mesh is nowhere or cannot be read.
+    hull is kept, all that MuJoCo collides with; the speeds of its wheels end at the limits of their joints. Raises
+    RobotError as ``describe_robot``, or if macros cannot be expanded, or a mesh is nowhere or cannot be read.
     """
-    is_urdf = path.suffix.lower() == XACRO or root_tag(path) == "robot"
-    return describe_robot(path, config, camera, image_px, given=_urdf_spec(path) if is_urdf else None)
+    given, most_radps = _urdf(path) if _is_urdf(path) else (None, None)
+    return describe_robot(path, config, camera, image_px, given=given, most_radps=most_radps)
 
 
-def _urdf_spec(path: Path) -> mujoco.MjSpec:
-    """A URDF as MuJoCo reads it, its meshes in it."""
+def file_hash(path: Path) -> str:
+    """What tells a robot's file, with its meshes, from other files. Raises RobotError as :func:`describe_file` if it
+    cannot be read.
+    """
+    return spec_hash(path, _urdf(path)[0] if _is_urdf(path) else None)
+
+
+def _is_urdf(path: Path) -> bool:
+    return path.suffix.lower() == XACRO or root_tag(path) == "robot"
+
+
+def _urdf(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
+    """A URDF as MuJoCo reads it, its meshes in it, and the highest speeds of its joints, which MuJoCo does not read, by
+    name [rad/s].
+    """
     try:
         content = expanded(path) if path.suffix.lower() == XACRO else read_bytes(path)
         robot = ET.fromstring(content.lstrip())
         if sum(1 for _ in robot.iter()) > MAX_ROBOT_ELEMENTS:
             raise ValueError(f"it has more than {MAX_ROBOT_ELEMENTS} elements; set ANM_MJ_MAX_ELEMENTS to allow more")
-        hulls = _take_meshes(robot, path)
+        hulls, most_radps = _take_meshes(robot, path), _speed_limits(robot)
         with quiet_mujoco():
             spec = mujoco.MjSpec.from_string(ET.tostring(robot, encoding="unicode"))
     except SceneError as err:
@@ -47,7 +61,20 @@ def _urdf_spec(path: Path) -> mujoco.MjSpec:
     for mesh in spec.meshes:
         vertices, faces = hulls[mesh.file]
         mesh.uservert, mesh.userface, mesh.file = vertices.ravel(), faces.ravel(), ""
-    return spec
+    return spec, most_radps
+
+
+def _speed_limits(robot: ET.Element) -> dict[str, float]:
+    """The velocities in the limits of joints, by name; exporters write 0 where nobody knows [rad/s]."""
+    found = {}
+    for joint in robot.findall("joint"):
+        limit = joint.find("limit")
+        text = "" if limit is None else limit.get("velocity", "")
+        try:
+            found[joint.get("name", "")] = float(text or 0.0)
+        except ValueError:
+            raise ValueError(f"the velocity {text!r} of its joint {joint.get('name')!r} is no number") from None
+    return {name: value for name, value in found.items() if value > 0.0 and math.isfinite(value)}
 
 
 def _take_meshes(robot: ET.Element, path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
