@@ -10,6 +10,8 @@ from anm_mj.scene.movable import Movable, Solid
 
 _BUILDING_M = 3.0
 """A fixed base larger than this is a building, not the base of a robot in it [m]."""
+_LEAF_M = 1.5
+"""What moves on one joint and is larger than this is the leaf of a door or a gate, not a part of a robot [m]."""
 
 
 def part_names(model: mujoco.MjModel) -> list[str]:
@@ -25,7 +27,7 @@ def part_names(model: mujoco.MjModel) -> list[str]:
 def robot_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray, " b"]:
     """Bodies of robots: mechanisms that at least two actuators drive, with the base that they stand on.
 
-    A single actuator drives a door or a fan, which belongs to the building.
+    A single actuator drives a door or a fan, which belongs to the building, and two drive the two leaves of a door.
     """
     driven = np.zeros(model.nbody, dtype=np.int64)
     for actuator in range(model.nu):
@@ -37,11 +39,14 @@ def robot_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray,
     np.add.at(number, top, driven)
     # The parts of a robot on a fixed base may move side by side.
     root = np.asarray(model.body_rootid)
-    by_root = np.zeros(model.nbody, dtype=np.int64)
-    np.add.at(by_root, root, driven)
+    joints = np.bincount(top, model.body_jntnum, model.nbody)
+    leaves = [b for b in np.flatnonzero(joints == 1).tolist() if b and _extent_m(model, data, top == b) > _LEAF_M]
+    by_root = np.bincount(root, np.where(np.isin(top, leaves), 0, driven), model.nbody)
     by_root[0] = 0
     driven_bases = [
-        base for base in np.flatnonzero(by_root >= 2).tolist() if _fixed_extent_m(model, data, base, top) < _BUILDING_M
+        base
+        for base in np.flatnonzero(by_root >= 2).tolist()
+        if _extent_m(model, data, (top == 0) & (root == base)) < _BUILDING_M
     ]
     is_robot = (number[top] >= 2) | np.isin(root, driven_bases)
     is_robot[0] = False
@@ -73,13 +78,12 @@ def _topmost_movers(model: mujoco.MjModel) -> Int[np.ndarray, " b"]:
     return top
 
 
-def _fixed_extent_m(model: mujoco.MjModel, data: mujoco.MjData, root: int, top: Int[np.ndarray, " b"]) -> float:
-    """Largest extent of what stands fixed below a body of the world, without planes [m]."""
-    body = np.asarray(model.geom_bodyid)
-    fixed = (top[body] == 0) & (model.body_rootid[body] == root) & (model.geom_rbound > 0.0)
-    if not fixed.any():
+def _extent_m(model: mujoco.MjModel, data: mujoco.MjData, bodies: Bool[np.ndarray, " b"]) -> float:
+    """Largest extent of some bodies, without planes [m]."""
+    geoms = bodies[model.geom_bodyid] & (model.geom_rbound > 0.0)
+    if not geoms.any():
         return 0.0
-    centre, reach = data.geom_xpos[fixed], model.geom_rbound[fixed, None]
+    centre, reach = data.geom_xpos[geoms], model.geom_rbound[geoms, None]
     return float(((centre + reach).max(axis=0) - (centre - reach).min(axis=0)).max())
 
 

@@ -72,6 +72,28 @@ def test_what_is_left_out_is_said(house, tmp_path, caplog):
     assert "free bodies chair, box; --movable" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("size", "joint", "is_robot"),
+    [
+        ("0.45 0.02 1", 'type="slide" axis="1 0 0"', False),
+        ("0.45 0.02 1", 'axis="0 0 1"', False),
+        ("0.01 0.01 0.05", 'type="slide" axis="1 0 0"', True),
+        ("0.05 0.02 0.05", 'axis="0 1 0"', True),
+    ],
+    ids=["sliding door", "swing door", "gripper", "wheels"],
+)
+def test_both_leaves_of_a_driven_door_stay(tmp_path, caplog, size, joint, is_robot):
+    parts = "".join(
+        f'<body name="part_{i}" pos="{x} 0 0"><joint name="{i}" {joint}/><geom type="box" size="{size}"/></body>'
+        for i, x in enumerate((-0.45, 0.45))
+    )
+    driven = '<actuator><motor joint="0"/><motor joint="1"/></actuator>'
+    body = f'{room_xml()}<body name="frame" pos="0 0 1.01"><geom type="box" size="0.05 0.05 0.02"/>{parts}</body>'
+    scene = import_scene(write_world(tmp_path / "a.xml", body, driven), tmp_path / "a")
+    assert ("the robots frame." in caplog.text) == is_robot
+    assert near(scene.triangles()[0], (0.0, 0.0), 0.95).any() != is_robot
+
+
 def test_what_collides_is_what_the_robot_meets(house):
     _, scene = house
     # The crate is drawn only, its hull collides only.
