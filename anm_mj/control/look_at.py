@@ -23,6 +23,7 @@ _ABOVE_M = 1e-6
 """A point no farther than this beside the camera is above or below it [m]."""
 _FAR_SIDE_RAD = math.radians(120.0)
 """Beyond this angle the task has no preferred side; it first targets a point at a right angle."""
+_FAR_M = 1e4
 
 
 class _TurnOnly(mink.Task):
@@ -70,14 +71,14 @@ class LookAt:
         """Pose of the base one period after a pose; None once the camera faces the point of the world [m]. Raises
         RobotError as :meth:`turn_rad`.
         """
-        error_rad = self.error_rad(pose, point_m)
-        if abs(error_rad) < _ALIGNED_RAD:
+        if abs(self.error_rad(pose, point_m)) < _ALIGNED_RAD:
             return None
-        self.turn_rad(pose, point_m)  # The task would turn for ever where there is no such turn.
+        # Not the angle that the camera sees: a camera ahead of the axis would overshoot a near point for ever.
+        turn_rad = self.turn_rad(pose, point_m)
         self._base.place(pose)
         self._configuration.update()
-        self._task.set_target(self._target(pose, point_m, error_rad))
-        wheel_radps = self._wheels.wheel_motion(0.0, self._allowed_radps(error_rad))[1]
+        self._task.set_target(self._target(pose, turn_rad))
+        wheel_radps = self._wheels.wheel_motion(0.0, self._allowed_radps(turn_rad))[1]
         velocity = mink.solve_ik(
             self._configuration,
             [self._task],
@@ -90,9 +91,9 @@ class LookAt:
         self._turn_radps = self._wheels.body_motion(left, -left)[1]
         return move_pose(pose, 0.0, self._turn_radps * self._period_s)
 
-    def _allowed_radps(self, error_rad: float) -> float:
+    def _allowed_radps(self, turn_rad: float) -> float:
         """Highest turn rate within the limits of speed, acceleration and braking [rad/s]."""
-        braking_radps = math.sqrt(2.0 * self._limits.turn_radps2 * abs(error_rad))
+        braking_radps = math.sqrt(2.0 * self._limits.turn_radps2 * abs(turn_rad))
         faster_radps = abs(self._turn_radps) + self._limits.turn_radps2 * self._period_s
         return min(self._limits.turn_radps, faster_radps, braking_radps)
 
@@ -127,14 +128,15 @@ class LookAt:
             )
         return wrap_angle(math.atan2(y, x) - pose.yaw_rad - axis_rad - math.atan2(aside_m, along_m))
 
-    def _target(self, pose: Pose2, point_m: Float[np.ndarray, "3"], error_rad: float) -> Float[np.ndarray, "3"]:
-        """The point at the camera's height; for one behind, a point at a right angle on the nearer side."""
+    def _target(self, pose: Pose2, turn_rad: float) -> Float[np.ndarray, "3"]:
+        """A point at the camera's height where its axis leads after a turn; for one behind, at a right angle on the
+        nearer side. It is so far away that the camera's own motion in the turn does not matter.
+        """
+        # A turn changes no elevation. Given one, the task would overshoot for points high up or far down.
         T_world_camera = self._kinematics.T_world_camera(pose)
-        if abs(error_rad) < _FAR_SIDE_RAD:
-            # A turn changes no elevation. Given one, the task would overshoot for points high up or far down.
-            return np.array([point_m[0], point_m[1], T_world_camera[2, 3]])
-        to_the_right = T_world_camera[:3, 0]
-        return T_world_camera[:3, 3] - math.copysign(1.0, error_rad) * to_the_right
+        towards = turn_rad if abs(turn_rad) < _FAR_SIDE_RAD else math.copysign(math.pi / 2, turn_rad)
+        yaw = math.atan2(T_world_camera[1, 2], T_world_camera[0, 2]) + towards
+        return T_world_camera[:3, 3] + _FAR_M * np.array([math.cos(yaw), math.sin(yaw), 0.0])
 
 
 class PlanarLookAt(LookAt):
@@ -150,7 +152,6 @@ class PlanarLookAt(LookAt):
         """
         if abs(self.error_rad(pose, point_m)) < _ALIGNED_RAD:
             return None
-        # Not the angle that the camera sees: a camera ahead of the axis would overshoot a near point for ever.
         turn_rad = self.turn_rad(pose, point_m)
         rate = min(self._allowed_radps(turn_rad), abs(turn_rad) / self._period_s)
         self._turn_radps = math.copysign(rate, turn_rad)

@@ -12,10 +12,11 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
 from anm_mj.robot.description import describe_robot
 from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
+from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, Twist
-from tests.robots import clearance_of
+from tests.robots import ROVER_XML, clearance_of
 
 _PERIOD_S = 0.02
 _MODELS = Path(__file__).parents[1] / "robot" / "models"
@@ -121,6 +122,21 @@ def test_a_point_just_beyond_the_camera_is_faced(away_m):
     for look in (planar_look(0.108, 0.0), planar_look(0.05, 0.09), wheeled_look()):
         pose = turned_towards(look, Pose2(1.0, 2.0, 0.7), point_m)
         assert abs(look.error_rad(pose, point_m)) < math.radians(0.02)
+
+
+@pytest.mark.parametrize(
+    ("camera", "beyond_m", "bearing"), [("0.3,0,0.5,0,60", 0.001, -1.5), ("0.1,-1,0.5,10,60", 1.0, -2.7)]
+)
+def test_a_camera_far_from_the_axis_faces_a_point_by_the_shortest_turn(camera, beyond_m, bearing):
+    robot = describe_robot(ROVER_XML, RobotConfig(camera_pose=camera))
+    look = LookAt(robot, kinematics_of(robot), MotionLimits(), period_s=_PERIOD_S)
+    away_m = math.hypot(*robot.T_base_camera[:2, 3]) + beyond_m
+    point_m = np.array([away_m * math.cos(bearing), away_m * math.sin(bearing), 0.4])
+    start = Pose2(0.0, 0.0, 0.0)
+    turn_rad = look.turn_rad(start, point_m)
+    pose = turned_towards(look, start, point_m)
+    assert pose.yaw_rad == pytest.approx(turn_rad, abs=math.radians(0.02))
+    assert abs(look.error_rad(pose, point_m)) < math.radians(0.02)
 
 
 def test_a_camera_behind_the_axis_faces_a_point_above_it():
