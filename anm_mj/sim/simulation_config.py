@@ -125,10 +125,12 @@ class SimulationConfig:
         """The start with its yaw in radians; None = the scene's first where the robot can stand."""
         if self.start is None:
             return None
-        from anm_mj.types import Pose2  # Settings alone should not cost the import of numpy.
+        # Settings alone should not cost the import of numpy.
+        from anm_mj.frames import wrap_angle
+        from anm_mj.types import Pose2
 
         x_m, y_m, yaw_deg = self.start
-        return Pose2(x_m, y_m, math.radians(yaw_deg))
+        return Pose2(x_m, y_m, wrap_angle(math.radians(yaw_deg)))
 
 
 def in_reality(name: str, robot: str, sensor: str = "") -> dict[str, Any]:

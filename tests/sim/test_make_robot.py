@@ -222,3 +222,8 @@ def test_a_restart_repeats_all_errors(room):
                 robot.act(Action.TURN_LEFT)
             ends.add(robot.odometry.yaw_rad)
     assert len(ends) == 1
+
+
+def test_the_first_pose_of_odometry_has_a_yaw_as_all_others(room):
+    with make_robot(room, SimulationConfig(str(room.folder), start=(-1.5, 0.0, 630.0), pose="odometry")) as robot:
+        assert robot.observe().pose.yaw_rad == pytest.approx(-math.pi / 2)
