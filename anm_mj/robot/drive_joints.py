@@ -176,7 +176,9 @@ def _require_hinge(model: mujoco.MjModel, joint: int, path: Path) -> None:
 
 
 def _named(model: mujoco.MjModel, side: str, driven: list[int]) -> list[int]:
-    """Joints that a name calls wheels of a side; of several the driven ones."""
+    """Joints that a name calls wheels of a side; of several the driven ones, or those that can roll: suspensions have
+    such names too.
+    """
     found = []
     for joint in range(model.njnt):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
@@ -187,7 +189,8 @@ def _named(model: mujoco.MjModel, side: str, driven: list[int]) -> list[int]:
             named = side_of(model.body(int(model.jnt_bodyid[joint])).name)
         if named == side:
             found.append(joint)
-    chosen = [j for j in found if j in driven]
+    rolling = [j for j in found if model.jnt_type[j] == _HINGE and not model.jnt_limited[j]]
+    chosen = [j for j in found if j in driven] or rolling
     return chosen if len(found) > 1 and chosen else found
 
 

@@ -196,6 +196,21 @@ def test_the_base_of_a_urdf_is_not_fused_with_the_world(tmp_path):
     assert robot.mass_kg == pytest.approx(3.6)
 
 
+@pytest.mark.parametrize(
+    "joint", ['name="wheel_drop_{}" type="slide" axis="0 0 1"', 'name="{}_wheel_arm" axis="0 1 0" range="-5 5"']
+)
+def test_suspensions_that_are_named_like_wheels_are_none(tmp_path, joint):
+    changes = [("<actuator>", ""), ("</actuator>", "")]
+    changes += [(f'<velocity joint="wheel_{side}" kv="1"/>', "") for side in ("left", "right")]
+    for side, y in (("left", 0.15), ("right", -0.15)):
+        arm = f'<joint {joint.format(side)}/><geom size="0.01" mass="0.1" contype="0" conaffinity="0"/>'
+        changes.append((f'<body name="wheel_{side}" pos="0 {y} -0.04">', f'<body pos="0 {y} -0.04">{arm}<body>'))
+    changes.append(('mass="0.3"/></body>', 'mass="0.3"/></body></body>'))
+    robot = describe_robot(written(tmp_path, *changes))
+    assert robot.wheel_joints == ("wheel_left", "wheel_right")
+    assert robot.locked == tuple(joint.format(side).split('"')[1] for side in ("left", "right"))
+
+
 def test_cars_are_refused_unless_their_driven_wheels_are_named(tmp_path):
     act = '<position joint="steer_a" kp="9"/><position joint="steer_b" kp="9"/></actuator>'
     path = written(tmp_path, ("</body></worldbody>", f"{STEERED}</body></worldbody>"), ("</actuator>", act))
