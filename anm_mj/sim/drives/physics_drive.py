@@ -24,7 +24,7 @@ from anm_mj.robot.servos import SUBSTEP_S
 from anm_mj.sim.drives.repeated_failures import RepeatedFailures
 from anm_mj.sim.drives.shell_contacts import ShellContacts
 from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
-from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
+from anm_mj.types import TURN_STEP_RAD, Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _STANDING = Twist(0.0, 0.0)
@@ -167,20 +167,32 @@ class PhysicsDrive(WheelDrive):
         self,
         *,
         failed: bool,
-        driven_rad: tuple[float, float] = (0.0, 0.0),
-        turned_rad: tuple[float, float] = (0.0, 0.0),
+        driven_rad: tuple[float, float],
+        turned_rad: tuple[float, float],
+        least_rad: float = 0.0,
     ) -> StopReason | None:
-        """Why the robot can drive no more after a motion, which ``failed`` if it ended away from where it should.
-
-        ``driven_rad`` is the rotation of both sides' wheels that the motion asks for (0 = not known), ``turned_rad``
-        what their encoders measured.
+        """Why the robot can drive no more after a motion, which ``failed`` if it ended away from where it should; the
+        others are as of :meth:`RepeatedFailures.after`.
         """
         if self._diverged:
             return StopReason.DIVERGED
         if self._base.tilt_rad > _TOPPLED_RAD:
             return StopReason.TOPPLED
         touched = self._touched or self._contacts.any() or self._servo.is_near_obstacle
-        return self._traction.after(failed=failed, touched=touched, driven_rad=driven_rad, turned_rad=turned_rad)
+        return self._traction.after(
+            failed=failed, touched=touched, driven_rad=driven_rad, turned_rad=turned_rad, least_rad=least_rad
+        )
+
+    def _fault_of_part(
+        self, failed: bool, forward_m: float, turn_rad: float, start_angles_rad: Float[np.ndarray, " n"]
+    ) -> StopReason | None:
+        """As :meth:`_fault`, after a motion of the reference that may be any part of an action, or several."""
+        return self._fault(
+            failed=failed,
+            driven_rad=self._kinematics.wheel_motion(forward_m, turn_rad),
+            turned_rad=self._turned_rad(start_angles_rad),
+            least_rad=self._kinematics.wheel_motion(0.0, TURN_STEP_RAD)[1],
+        )
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s], rounded up to servo periods.
@@ -193,11 +205,13 @@ class PhysicsDrive(WheelDrive):
         period_s, wanted = self._period_s, self._saturate(twist)
         start_s, start_angles, moved_m, turned_rad = self._data.time, self._base.wheel_angles_rad, 0.0, 0.0
         collided = self._touched = False
+        asked_m = asked_rad = 0.0
         for _ in range(math.ceil(duration_s / period_s - 1e-9)):
             before = self._base.pose
             self._twist = slewed(self._twist, wanted, self._limits, period_s)
             forward_m, turn_rad = self._twist.forward_mps * period_s, self._twist.turn_radps * period_s
             self._reference = move_pose(self._reference, forward_m, turn_rad)
+            asked_m, asked_rad = asked_m + forward_m, asked_rad + turn_rad
             collided = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
             after = self._base.pose
             lag_rad = wrap_angle(self._reference.yaw_rad - after.yaw_rad)
@@ -211,7 +225,8 @@ class PhysicsDrive(WheelDrive):
                 collided = True
                 self._halt()
                 break
-        speeds, fault = self._mean_speeds(start_s, start_angles), self._fault(failed=collided)
+        speeds = self._mean_speeds(start_s, start_angles)
+        fault = self._fault_of_part(collided, asked_m, asked_rad, start_angles)
         return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
@@ -232,7 +247,7 @@ class PhysicsDrive(WheelDrive):
         if collided:
             self._halt()
         moved_m, speeds = math.dist(start.xy_m, self._base.pose.xy_m), self._mean_speeds(start_s, start_angles)
-        fault = self._fault(failed=collided)
+        fault = self._fault_of_part(collided, 0.0, turned_rad, start_angles)
         return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
 
     def _execute(self, action: Action) -> bool:

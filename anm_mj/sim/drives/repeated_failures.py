@@ -19,20 +19,35 @@ class RepeatedFailures:
     def __init__(self) -> None:
         self._failures = 0
         self._stuck = [0, 0]
+        self._driven_rad, self._turned_rad = [0.0, 0.0], [0.0, 0.0]
+        """Of each side since it was judged."""
 
     def after(
-        self, *, failed: bool, touched: bool, driven_rad: tuple[float, float], turned_rad: tuple[float, float]
+        self,
+        *,
+        failed: bool,
+        touched: bool,
+        driven_rad: tuple[float, float],
+        turned_rad: tuple[float, float],
+        least_rad: float = 0.0,
     ) -> StopReason | None:
         """WHEEL_STUCK or NO_TRACTION after several failures in a row; None before.
 
         An action ``failed`` if it ended away from where it should; an obstacle may be the reason if something was
         ``touched``. ``driven_rad`` is the rotation of the left and the right wheel that the action asks for,
-        ``turned_rad`` what their encoders measured.
+        ``turned_rad`` what their encoders measured. A motion may be any part of an action: a wheel is judged once it
+        was driven by ``least_rad`` since the last time.
         """
         self._failures = self._failures + 1 if failed and not touched else 0
-        for side, (driven, turned) in enumerate(zip(driven_rad, turned_rad, strict=True)):
+        for side in range(2):
+            self._driven_rad[side] += abs(driven_rad[side])
+            self._turned_rad[side] += abs(turned_rad[side])
+            driven, turned = self._driven_rad[side], self._turned_rad[side]
+            if driven < least_rad and not touched:
+                continue
+            self._driven_rad[side] = self._turned_rad[side] = 0.0
             # What an obstacle stops says nothing about the wheels.
-            if abs(turned) >= _TURNED_SHARE * abs(driven):
+            if turned >= _TURNED_SHARE * driven:
                 self._stuck[side] = 0
             elif not touched:
                 self._stuck[side] += 1

@@ -10,7 +10,7 @@ from anm_mj.control.action_motion import action_motion
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
-from anm_mj.types import Action, Pose2, StopReason
+from anm_mj.types import Action, Pose2, StopReason, Twist
 from tests.robots import let_wheel_stick
 
 _WALL_AT_1M = '<geom type="box" pos="1.05 0 1" size="0.05 3 1"/>'
@@ -178,3 +178,17 @@ def test_a_wheel_that_sticks_is_noticed_at_once_and_given_up_after_six_actions(m
     assert faults == [None] * 4 + [StopReason.WHEEL_STUCK]
     (said,) = [record.message for record in caplog.records]
     assert said.startswith(f"The {'left' if left else 'right'} wheel turned by 0.0")
+
+
+@pytest.mark.parametrize("twist", [Twist(0.0, 1.0), Twist(0.05, 0.0)])
+def test_a_wheel_that_sticks_is_given_up_at_velocities_too(make_drive, twist):
+    drive, data = make_drive()
+    let_wheel_stick(data.model, left=True)
+    assert StopReason.WHEEL_STUCK in {drive.drive(twist, 0.2).fault for _ in range(30)}
+
+
+def test_wheels_that_turn_to_and_fro_do_not_stick(make_drive):
+    drive, _ = make_drive()
+    random = np.random.default_rng(0)
+    twists = [Twist(forward, turn) for forward in (-0.5, 0.0, 0.05, 0.5) for turn in (-1.8, -0.3, 0.0, 1.8)]
+    assert {drive.drive(twists[k], 0.05).fault for k in random.integers(len(twists), size=100)} == {None}
