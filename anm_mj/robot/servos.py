@@ -154,19 +154,22 @@ def make_velocity_servo(servo: "mujoco._specs.MjsActuator", kv: float, top_force
 
 
 def _is_fit(model: mujoco.MjModel, actuator: str, wheel: str, kv: float, least_armature: float) -> bool:
-    """Whether an actuator is a velocity servo in the joint's own unit, strong enough, and not too stiff for the drive's
-    time step where the joint gets ``least_armature`` [kg m^2].
+    """Whether an actuator is a velocity servo in the joint's own unit for both directions, strong enough, with no
+    spring against it, and not too stiff for the drive's time step where the joint gets ``least_armature`` [kg m^2].
     """
     index = model.actuator(actuator).id
     gain, bias = float(model.actuator_gainprm[index, 0]), model.actuator_biasprm[index].tolist()
     plain = model.actuator_gear[index, 0] == 1.0 and model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
     is_servo = bool(plain) and gain > 0.0 and bias[1] == 0.0 and bias[2] == -gain
+    low, high = model.actuator_ctrlrange[index]
+    is_one_way = bool(model.actuator_ctrllimited[index]) and not low < 0.0 < high
     dof = model.joint(wheel).dofadr[0]
+    has_spring = float(model.jnt_stiffness[model.joint(wheel).id]) > 0.0
     is_sticky = float(model.dof_frictionloss[dof]) > _STICKY_RADPS * gain
     armature = max(float(model.dof_armature[dof]), least_armature)
     inertia = float(model.dof_M0[dof] - model.dof_armature[dof]) + armature
     is_stiff = gain * SUBSTEP_S > _STIFF * inertia
-    return is_servo and gain >= _WEAK * kv and not is_sticky and not is_stiff
+    return is_servo and gain >= _WEAK * kv and not (is_one_way or has_spring or is_sticky or is_stiff)
 
 
 def _top_speed(model: mujoco.MjModel, actuator: str) -> float:
@@ -176,4 +179,4 @@ def _top_speed(model: mujoco.MjModel, actuator: str) -> float:
     if not model.actuator_ctrllimited[index] or bias[1] != 0.0 or bias[2] >= 0.0 or gain <= 0.0:
         return np.inf
     low, high = model.actuator_ctrlrange[index] * gain / -bias[2] / max(abs(model.actuator_gear[index, 0]), 1e-9)
-    return float(min(-low, high)) if low < 0.0 < high else np.inf
+    return float(min((speed for speed in (-low, high) if speed > 0.0), default=np.inf))

@@ -85,6 +85,28 @@ def test_a_free_joint_keeps_the_name_that_actuators_know_it_by(tmp_path, name):
     assert drive_over_a_floor(robot).fault is None
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "most_radps"),
+    [
+        ('<velocity joint="wheel_right" kv="1"/>', '<velocity joint="wheel_right" kv="1" ctrlrange="0 6"/>', 6.0),
+        ('name="wheel_right" axis', 'name="wheel_right" stiffness="2" axis', math.inf),
+    ],
+    ids=["rolls one way", "a spring"],
+)
+def test_a_servo_that_cannot_turn_its_wheel_is_replaced(tmp_path, before, after, most_radps):
+    robot = describe_robot(written(tmp_path, (before, after)))
+    assert robot.max_wheel_radps == most_radps
+    assert [note.rpartition(" ")[2] for note in robot.notes] == ["actuator_1"]
+    spec = mujoco.MjSpec.from_string('<mujoco><worldbody><geom type="plane" size="0 0 1"/></worldbody></mujoco>')
+    spec.attach(robot.spec.copy(), prefix="r/", frame=spec.worldbody.add_frame())
+    model = spec.compile()
+    drive = PhysicsDrive(model, mujoco.MjData(model), robot, prefix="r/")
+    drive.place(Pose2(0.0, 0.0, 0.0))
+    for _ in range(9):
+        drive.act(Action.TURN_RIGHT)
+    assert math.degrees(drive.pose.yaw_rad) == pytest.approx(-90.0, abs=1.0)
+
+
 def test_sensors_on_its_own_wheels_stay(tmp_path):
     added = '<jointpos name="a" joint="wheel_left"/><framepos name="b" objtype="body" objname="crate"/>'
     crate = '<worldbody><body name="crate" pos="3 0 0"><geom size="0.1"/></body>'
