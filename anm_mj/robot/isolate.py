@@ -10,6 +10,10 @@ from anm_mj.robot.compiled_robot import joints_above, name_all
 ROBOT_GROUP = 1
 """Group of the robot's geoms: visible in viewers, hidden from the robot's own camera."""
 
+_SIZES = ("memory", "njmax", "nconmax", "nkey", "nuserdata", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site")
+_SIZES += ("nuser_cam", "nuser_tendon", "nuser_actuator", "nuser_sensor")
+"""What an MJCF file's <size> asks room for, by the names of its spec."""
+
 
 def keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
     """Write into the elements of a spec, which is changed in place, what its ``<compiler>`` makes of their masses: in a
@@ -113,10 +117,10 @@ def isolate_robot(spec: mujoco.MjSpec, root: str) -> None:
         spec.delete(element)
     for texture in [t for t in spec.textures if t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX]:
         spec.delete(texture)
-    # The scene sets time step, gravity and light.
+    # The scene sets time step, gravity and light, and has room of its own.
     spec.option, spec.visual, spec.stat = (empty := mujoco.MjSpec()).option, empty.visual, empty.stat
-    spec.njmax = spec.nconmax = -1
-    spec.nkey = 0
+    for name in _SIZES:
+        setattr(spec, name, getattr(empty, name))
     name_all(spec.geoms, "geom")
     name_all(spec.actuators, "actuator")
     for geom in spec.geoms:

@@ -148,8 +148,10 @@ def test_masses_are_those_of_the_file(tmp_path, compiler, mass_kg):
     assert float(world.compile().body_mass.sum()) == pytest.approx(mass_kg, abs=1e-3)
 
 
-def test_room_for_key_frames_does_not_keep_it_from_a_scene(tmp_path):
-    robot = describe_robot(written(tmp_path, ("<worldbody>", '<size nkey="2"/><worldbody>')))
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", ['nkey="2"', 'memory="1M"', 'nuserdata="5"', 'nuser_body="3" nuser_cam="1"'])
+def test_room_that_its_file_asks_for_does_not_disturb_a_scene(tmp_path, size):
+    robot = describe_robot(written(tmp_path, ("<worldbody>", f"<size {size}/><worldbody>")))
     assert drive_over_a_floor(robot).fault is None
 
 
