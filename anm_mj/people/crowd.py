@@ -31,6 +31,10 @@ PERIOD_S = 0.1
 """People move in periods of this length [s]."""
 _RELAXATION_S, _FASTEST_SHARE = 0.5, 1.3
 _WALL_MPS2, _WALL_M = 10.0, 0.08
+_SLOW_MPS = 0.4
+"""Forces on slower people are weaker in proportion: they would never get through a door."""
+_TURNS_MPS = 0.1
+"""Who moves faster than this turns to where it goes; slow people do from a quarter of their speed on."""
 _AHEAD_M, _ARRIVED_M = 0.5, 0.3
 _STUCK_S, _YIELD_S, _JAM_M, _SPOT_S = 5.0, 1.5, 1.0, 0.5
 """Who gets no farther in ``_STUCK_S`` than it walks in ``_SPOT_S`` chooses another place; in ``_YIELD_S`` already where
@@ -204,11 +208,12 @@ class Crowd:
         ax, ay = ax / _RELAXATION_S, ay / _RELAXATION_S
         others = self._others(one, robot_xy_m)
         if speed > 0.0:
+            gently = min(speed / _SLOW_MPS, 1.0)
             for other_x, other_y, apart in others:
                 push_x, push_y = push(other_x - x, other_y - y, apart, self.yaw_rad[one])
-                ax, ay = ax + push_x, ay + push_y
+                ax, ay = ax + gently * push_x, ay + gently * push_y
             clear, slope_x, slope_y = self.floor.clearance(x, y)
-            wall = _WALL_MPS2 * math.exp((BODY.radius_m - clear) / _WALL_M)
+            wall = gently * _WALL_MPS2 * math.exp((BODY.radius_m - clear) / _WALL_M)
             ax, ay = ax + wall * slope_x, ay + wall * slope_y
         vx, vy = vx + ax * PERIOD_S, vy + ay * PERIOD_S
         most = _FASTEST_SHARE * self._speed_mps[one] if speed > 0.0 else 0.0
@@ -246,7 +251,7 @@ class Crowd:
         if math.dist((x, y), self._spot_m[one]) > _SPOT_S * self._speed_mps[one] or not walks:
             self._progress_s[one], self._spot_m[one] = time_s, (x, y)
         self._velocity_mps[one] = vx, vy
-        if speed > 0.1:
+        if speed > min(_TURNS_MPS, self._speed_mps[one] / 4):
             turn = math.remainder(math.atan2(vy, vx) - self.yaw_rad[one], math.tau)
             self.yaw_rad[one] = math.remainder(self.yaw_rad[one] + max(min(turn, 0.4), -0.4), math.tau)
         stride_m = _STRIDE_PER_HEIGHT * self.height_m[one]

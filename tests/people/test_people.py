@@ -66,6 +66,20 @@ def test_people_walk_on_the_floor_and_touch_nobody(floor, scene):
     assert clear_m >= BODY.radius_m
 
 
+@pytest.mark.parametrize("seed", [2, 5])
+def test_slow_people_get_through_doors_and_look_where_they_go(floor, scene, seed):
+    slow = crowd_of(floor, scene, seed, number=1, slowest_mps=0.1, fastest_mps=0.1, longest_stand_s=0.0)
+    places, yaw_rad = [slow.xy_m[0].copy()], []
+    for k in range(1500):
+        slow.follow((k + 1) * PERIOD_S, scene.starts[0].xy_m)
+        places.append(slow.xy_m[0].copy())
+        yaw_rad.append(slow.yaw_rad[0])
+    steps = np.diff(places, axis=0)
+    assert np.linalg.norm(steps, axis=1).sum() > 0.5 * 15.0
+    aside_rad = np.angle(np.exp(1j * (np.arctan2(steps[:, 1], steps[:, 0]) - yaw_rad)))
+    assert np.median(np.abs(aside_rad)) < 0.1
+
+
 def test_who_is_pushed_to_and_fro_before_somebody_goes_elsewhere(floor, scene):
     """As a person does for ever that meets a robot where neither can pass the other."""
     crowd = crowd_of(floor, scene, number=1, longest_stand_s=0.0)
