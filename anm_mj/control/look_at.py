@@ -24,6 +24,7 @@ _ABOVE_M = 1e-6
 _FAR_SIDE_RAD = math.radians(120.0)
 """Beyond this angle the task has no preferred side; it first targets a point at a right angle."""
 _FAR_M = 1e4
+"""How far away the point lies that the task looks at [m]."""
 
 
 class _TurnOnly(mink.Task):

@@ -39,9 +39,9 @@ class Track:
     """Whether the pose that was added last counts at all times, as a static frame of ROS takes the place of the one
     before."""
     gap_s: float = GAP_S
-    """Between poses farther apart nothing is known [s]; infinite = the first and the last hold, too."""
+    """Between poses farther apart nothing is known [s]; infinite = the first and the last count at all times, too."""
     hold_s: float = MATCH_S
-    """Nothing is known so long before the first pose and after the last, which are taken up to there [s]."""
+    """So long before itself counts the first pose, and so long after itself the last [s]."""
     _order: np.ndarray | None = field(default=None, init=False)
 
     def add(self, time_s: float, pose: Float[np.ndarray, "7"]) -> None:

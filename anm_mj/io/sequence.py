@@ -155,7 +155,7 @@ class Sequence:
                 rgb = read_image(frame.colour, "RGB", turned=True)
             self._check_shape(step, rgb.shape[:2], depth_m.shape)
             at_corner = self.keeps_corner_pixels
-            # Whose rows and columns are reduced each for itself has no pixels of another size.
+            # Depth whose rows and columns were reduced separately cannot be resized again: colour takes its size.
             rows, cols = depth_m.shape if at_corner else np.minimum(rgb.shape[:2], depth_m.shape).tolist()
             rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
             camera = camera.scaled(cols, rows, first_of_block=at_corner)

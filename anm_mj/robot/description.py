@@ -228,19 +228,19 @@ def describe_robot(
         support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
         centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[base.root] + T_base_world[:3, 3],
         reduced_mjcf=reduced_mjcf(model, data, base.root, base.T_world_base, T_base_camera, base.sides, base.track_m),
-        hash=_hash(spec, model),
+        hash=_hash(spec, model, most_radps or {}),
         key_frame=key_frame,
         locked=tuple(locked),
         notes=tuple(notes),
     )
 
 
-def spec_hash(path: Path, given: mujoco.MjSpec | None = None) -> str:
-    """What tells a robot's file, with its meshes, from other files. ``given`` is what another reader made of it. Raises
-    RobotError if it cannot be read.
+def spec_hash(path: Path, *, given: mujoco.MjSpec | None = None, most_radps: Mapping[str, float] | None = None) -> str:
+    """What tells a robot's file, with its meshes, from other files; ``given`` and ``most_radps`` as of
+    :func:`describe_robot`. Raises RobotError if it cannot be read.
     """
     spec = given or _read(path)
-    return _hash(spec, _compiled(spec, path))
+    return _hash(spec, _compiled(spec, path), most_radps or {})
 
 
 def _read(path: Path) -> mujoco.MjSpec:
@@ -252,8 +252,9 @@ def _read(path: Path) -> mujoco.MjSpec:
         raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
 
 
-def _hash(spec: mujoco.MjSpec, model: mujoco.MjModel) -> str:
-    return hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest()
+def _hash(spec: mujoco.MjSpec, model: mujoco.MjModel, most_radps: Mapping[str, float]) -> str:
+    speeds = "".join(f"{name}={speed!r}\0" for name, speed in sorted(most_radps.items()))
+    return hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes() + speeds.encode()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ def fit_servos(
     most_radps: Mapping[str, float],
 ) -> tuple[tuple[str, ...], float, list[str]]:
     """Give every wheel (named by its hinge; radius [m]) one velocity servo [rad/s]; the spec is changed in place.
-    ``most_radps`` are the speeds that the file states for some hinges besides those of its servos, by name [rad/s].
+    ``most_radps`` are the highest speeds that the file states for hinges beside those of its servos, by name [rad/s].
 
     Returns:
         Names of the servos; the highest speed that the file allows [rad/s], infinite without a limit; what was changed.

@@ -120,9 +120,10 @@ class MapPublisher:
     def diagnose(self, *, force: bool = False) -> None:
         """Publish the state each second, whatever else is silent; called more often than that."""
         now_s, said_s = self._poses.latest_s, time.monotonic()
-        if not np.isfinite(now_s) or (said_s - self._said_s < 1.0 and not force):
+        if said_s - self._said_s < 1.0 and not force:
             return
-        self._said_s = said_s
+        # Before the first pose nobody knows the robot's clock.
+        now_s, self._said_s = now_s if np.isfinite(now_s) else time.time(), said_s
         make, fault = self._node.messages, self._health.present()
         values = [
             make.make("diagnostic_msgs/msg/KeyValue", key=key, value=value)

@@ -244,7 +244,7 @@ def replaced_folder(out: Path) -> Iterator[Path]:
 
 def check_destination(out: Path, overwrite: bool = True) -> None:
     """Accept a folder that is new, empty or a scene folder, before any work is done for it. Raises SceneError if it is
-    something else, the current folder, or a scene folder and ``overwrite`` is false.
+    something else, a scene folder and ``overwrite`` is false, or the current folder or one above it.
     """
     try:
         if not overwrite and (out / TOML).is_file():
@@ -253,13 +253,21 @@ def check_destination(out: Path, overwrite: bool = True) -> None:
             raise SceneError(f"{out} is a file: choose a new folder for the scene.")
         if out.is_dir() and not (out / TOML).is_file() and any(out.iterdir()):
             raise SceneError(f"{out} is not empty and not a scene folder: choose a new folder for the scene.")
-        if out.is_dir() and Path.cwd().is_relative_to(out.resolve()):
+        if out.is_dir() and _is_current(out):
             raise SceneError(f"{out} is replaced as a whole, and you are in it: choose another folder for the scene.")
         parent = next(folder for folder in out.absolute().parents if folder.exists())
     except OSError as err:
         raise SceneError(f"{out} cannot be looked at ({err.strerror}): choose a folder that you may write to.") from err
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise SceneError(f"{out} cannot be written, because {parent} is not writable: choose another folder.")
+
+
+def _is_current(folder: Path) -> bool:
+    """Whether this program runs in a folder or below it; not where its folder was deleted."""
+    try:
+        return Path.cwd().is_relative_to(folder.resolve())
+    except FileNotFoundError:
+        return False
 
 
 def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:

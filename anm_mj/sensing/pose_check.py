@@ -90,7 +90,7 @@ def is_stand_in(observation: Observation) -> bool:
 
 
 def moved(observation: Observation, T_new_old: Float[np.ndarray, "4 4"]) -> Observation:
-    """A frame as a robot has it whose poses ``T_new_old`` carries elsewhere."""
+    """A frame whose poses, of base and camera, are carried from an old world frame to a new one."""
     pose = pose_of_matrix(T_new_old @ pose_matrix(observation.pose))
     return replace(observation, pose=pose, T_world_camera=T_new_old @ observation.T_world_camera)
 

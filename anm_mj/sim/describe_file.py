@@ -35,7 +35,8 @@ def file_hash(path: Path) -> str:
     """What tells a robot's file, with its meshes, from other files. Raises RobotError as :func:`describe_file` if it
     cannot be read.
     """
-    return spec_hash(path, _urdf(path)[0] if _is_urdf(path) else None)
+    given, most_radps = _urdf(path) if _is_urdf(path) else (None, None)
+    return spec_hash(path, given=given, most_radps=most_radps)
 
 
 def _is_urdf(path: Path) -> bool:
@@ -65,10 +66,10 @@ def _urdf(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
 
 
 def _speed_limits(robot: ET.Element) -> dict[str, float]:
-    """The velocities in the limits of joints, by name; exporters write 0 where nobody knows [rad/s]."""
+    """The velocities in the limits of hinges, by name; exporters write 0 where nobody knows [rad/s]."""
     found = {}
     for joint in robot.findall("joint"):
-        limit = joint.find("limit")
+        limit = joint.find("limit") if joint.get("type") in ("continuous", "revolute") else None
         text = "" if limit is None else limit.get("velocity", "")
         try:
             found[joint.get("name", "")] = float(text or 0.0)

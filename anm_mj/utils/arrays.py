@@ -12,7 +12,9 @@ Window = tuple[slice, slice]
 def values_at(
     array: Shaped[np.ndarray, "..."], cells: Int[np.ndarray, "*n axes"], outside: float | np.generic
 ) -> Shaped[np.ndarray, "*n"]:
-    """Values of an array at cells, given by their indices along its axes; ``outside`` for those that it lacks."""
+    """Values of an array at cells, given by their indices along its axes; for those that it lacks ``outside``, in the
+    array's type.
+    """
     inside = ((cells >= 0) & (cells < array.shape)).all(axis=-1)
     values = np.full(inside.shape, outside, array.dtype)
     values[inside] = array[tuple(cells[inside].T)]
@@ -20,7 +22,7 @@ def values_at(
 
 
 def numbers_of(cells: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
-    """A number for each cell, different for different ones; their indices are less than a million."""
+    """A number for each cell, different for different ones of indices from -2^20 to 2^20 - 1."""
     return (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
 
 

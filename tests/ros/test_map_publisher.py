@@ -3,6 +3,8 @@
 from contextlib import contextmanager
 from unittest.mock import Mock
 
+import pytest
+
 from anm_mj.loop_state import LoopState
 from anm_mj.ros import drive
 from anm_mj.ros.connect import Connection
@@ -15,7 +17,10 @@ from anm_mj.types import Pose2
 from tests.ros.conftest import wait_until
 
 
-def test_diagnostics_say_what_is_wrong_where_poses_come_no_more(node: Node, other: Node, monkeypatch):
+@pytest.mark.parametrize("is_first", [False, True])
+def test_diagnostics_say_what_is_wrong_where_poses_come_no_more(
+    node: Node, other: Node, monkeypatch: pytest.MonkeyPatch, is_first: bool
+):
     health, said = Health(0.2), []
     poses = Poses(health, "")
     poses.source = "the odometry on /odom"
@@ -35,5 +40,6 @@ def test_diagnostics_say_what_is_wrong_where_poses_come_no_more(node: Node, othe
     config = DriveConfig("live", pose="odometry", policy="frontier")
     followers, state = drive._Followers(), LoopState()
     with drive._parts(config, followers=followers, state=state, waits=False, is_over=lambda: False):
-        poses.hear_odometry(node.messages.odometry(1.0, "odom", "base_link", Pose2(0.0, 0.0, 0.0)))
+        if not is_first:
+            poses.hear_odometry(node.messages.odometry(1.0, "odom", "base_link", Pose2(0.0, 0.0, 0.0)))
         wait_until(lambda: "nothing was heard of the odometry on /odom for 0.2 s" in said)

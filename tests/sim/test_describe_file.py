@@ -64,3 +64,4 @@ def test_comparisons_take_a_urdf_and_know_its_meshes(tmp_path):
     toml.write_text('scenes = ["home"]\npolicies = ["gvg"]\nrobot = ["my_bot/bot.urdf"]\n')
     assert [job.robot_hash for job in read_jobs(toml)] == [before]
     assert file_hash(written(tmp_path, ("", ""), edge_m=0.31)) != before
+    assert file_hash(written(tmp_path, ['<limit effort="5" velocity="4"/>'] * 2)) != before

@@ -33,6 +33,8 @@ _MAX_EXTENT_M = 500.0
 _MIN_EXTENT_M = 0.1
 _ONE_STOREY_M = 4.5
 """What is no higher has one storey [m]."""
+_BELOW_DRAWN_M = 0.3
+"""No floor of a building is farther below all that is drawn [m]."""
 _LOW_M = 1.8
 """A building found to be lower is mostly in inches, which look like cm [m]."""
 _FAR_M = 1000.0
@@ -93,8 +95,10 @@ def place(
     if doors != "as-is" or origin.any():
         triangles = triangles_of(world.submeshes)
     if world.obstacles:
-        # The robot may stand on what the camera does not see.
-        triangles = np.concatenate([triangles, triangles_of(world.obstacles)])
+        # The robot may stand on what the camera does not see, but not on what catches things below a building.
+        solid = triangles_of(world.obstacles)
+        low, high = (drawn := triangles[:, :, 2]).min() - _BELOW_DRAWN_M, drawn.max()
+        triangles = np.concatenate([triangles, solid[((low <= solid[:, :, 2]) & (solid[:, :, 2] <= high)).all(axis=1)]])
     is_high = float(np.ptp(triangles[:, :, 2])) > _ONE_STOREY_M
     storeys = find_storeys(triangles) if wanted_storey is not None or is_high else []
     if wanted_storey is not None:

@@ -7,7 +7,8 @@ from anm_mj.types import StopReason
 _logger = logging.getLogger(__name__)
 
 _FAILURES = 6
-"""Actions in a row that fail without contact, until the robot is given up."""
+"""Actions in a row, or motions that drive a wheel as far as a turn, that fail without contact until the robot is given
+up."""
 _TURNED_SHARE = 0.1
 """A wheel that turns by less than this share of what it was driven by sticks."""
 _SIDES = "left", "right"
@@ -48,7 +49,9 @@ class RepeatedFailures:
             self._driven_rad[side] = self._turned_rad[side] = 0.0
             # What an obstacle stops says nothing about the wheels.
             if turned >= _TURNED_SHARE * driven:
-                self._stuck[side] = 0
+                # A wheel that was not driven shows nothing.
+                if driven > 0.0:
+                    self._stuck[side] = 0
             elif not touched:
                 self._stuck[side] += 1
                 if self._stuck[side] == 1:

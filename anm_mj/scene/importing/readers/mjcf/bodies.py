@@ -39,8 +39,12 @@ def robot_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray,
     np.add.at(number, top, driven)
     # The parts of a robot on a fixed base may move side by side.
     root = np.asarray(model.body_rootid)
-    joints = np.bincount(top, model.body_jntnum, model.nbody)
-    leaves = [b for b in np.flatnonzero(joints == 1).tolist() if b and _extent_m(model, data, top == b) > _LEAF_M]
+    # A handle or a latch on a leaf may move, too, but nothing drives it.
+    leaves = [
+        body
+        for body in np.flatnonzero((model.body_jntnum == 1) & (top == np.arange(model.nbody))).tolist()
+        if body and number[body] <= 1 and _extent_m(model, data, top == body) > _LEAF_M
+    ]
     by_root = np.bincount(root, np.where(np.isin(top, leaves), 0, driven), model.nbody)
     by_root[0] = 0
     driven_bases = [

@@ -82,9 +82,12 @@ def test_what_is_left_out_is_said(house, tmp_path, caplog):
     ],
     ids=["sliding door", "swing door", "gripper", "wheels"],
 )
-def test_both_leaves_of_a_driven_door_stay(tmp_path, caplog, size, joint, is_robot):
+@pytest.mark.parametrize(
+    "on_it", ["", '<body><joint axis="0 1 0"/><geom type="box" size="0.05 0.02 0.01"/></body>'], ids=["", "handle"]
+)
+def test_both_leaves_of_a_driven_door_stay(tmp_path, caplog, size, joint, is_robot, on_it):
     parts = "".join(
-        f'<body name="part_{i}" pos="{x} 0 0"><joint name="{i}" {joint}/><geom type="box" size="{size}"/></body>'
+        f'<body name="part_{i}" pos="{x} 0 0"><joint name="{i}" {joint}/><geom type="box" size="{size}"/>{on_it}</body>'
         for i, x in enumerate((-0.45, 0.45))
     )
     driven = '<actuator><motor joint="0"/><motor joint="1"/></actuator>'
@@ -213,3 +216,10 @@ def test_the_robot_stands_on_a_floor_that_the_camera_does_not_see(tmp_path):
     assert scene.rooms == 1
     check = check_scene(scene, DEFAULT_FOOTPRINT)
     assert (check.floor_m, check.problems, check.holes) == (pytest.approx(0.0, abs=1e-6), (), ())
+
+
+def test_what_catches_things_below_a_building_is_no_floor_of_it(tmp_path):
+    caught = room_xml() + '<geom type="box" size="3 3 0.05" pos="0 0 -2.05" group="3"/>'
+    scene = import_scene(write_world(tmp_path / "a.xml", caught), tmp_path / "out")
+    assert tomllib.loads((scene.folder / "scene.toml").read_text())["floor_removed"] == 0.0
+    assert scene.bounds_m[0, 2] == pytest.approx(0.0, abs=0.01)
